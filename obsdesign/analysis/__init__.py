@@ -1,0 +1,1 @@
+"""Can the sensors see the whole state?"""

@@ -1,0 +1,38 @@
+"""The answer to the first question: what do the sensors see, what stays hidden, and how sure is that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """What of the n states can be told from the outputs, their derivatives and the known inputs.
+
+    dimension: of the observable space; where not `decided`, the lower bound that is proven
+    observable: dimension == n
+    observable_states, unobservable_states: names of the states that are seen by themselves, and of the others
+    null_space (n, n - dimension): orthonormal basis of the hidden directions at the point `at` (n,)
+    hidden: the same in words
+    ranks: dimension after 0, 1, 2, ... Lie derivatives, cut after the last growth
+    disturbance, known_inputs: the class of unknown and of known inputs for which this holds
+    stopped_by: "full" (rank n) | "criterion" (a sweep added nothing) | "cap" (the generic rank is reached at the point)
+        | "stalled" (no growth for the orders tried, no proof) | "precision" (the precision limit)
+    decided: False where nothing is claimed beyond the lower bound; proof: what was proven, and how
+    """
+
+    dimension: int
+    observable: bool
+    observable_states: tuple[str, ...]
+    unobservable_states: tuple[str, ...]
+    null_space: np.ndarray
+    hidden: str
+    ranks: tuple[int, ...]
+    disturbance: str
+    known_inputs: str
+    at: np.ndarray
+    stopped_by: str
+    decided: bool
+    proof: str

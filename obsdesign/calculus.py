@@ -1,0 +1,37 @@
+"""The few pieces of calculus everything shares: Runge-Kutta, Lie derivatives, wrapping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+def rk4(rate: Callable[[ca.SX], ca.SX], x: ca.SX, step: float) -> ca.SX:
+    """Return the state after one classical Runge-Kutta step of xdot = rate(x), local error O(step^5)."""
+    k1 = rate(x)
+    k2 = rate(x + step / 2 * k1)
+    k3 = rate(x + step / 2 * k2)
+    k4 = rate(x + step * k3)
+    return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def lie_derivative(functions: ca.SX, x: ca.SX, field: ca.SX) -> ca.SX:
+    """L_v s = (ds/dx) v for a column of functions s (q, 1) along the field v (n, 1)."""
+    import casadi as ca
+
+    return ca.jtimes(functions, x, field)
+
+
+def wrap(angle: np.ndarray) -> np.ndarray:
+    """Return the angle [rad] in [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def wrap_columns(values: np.ndarray, is_angle: np.ndarray) -> np.ndarray:
+    """Return values (..., q) with the columns that are angles wrapped."""
+    return np.where(is_angle, wrap(values), values)

@@ -1,0 +1,1 @@
+"""What a mission imposes on a path."""

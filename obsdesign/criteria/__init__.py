@@ -1,0 +1,1 @@
+"""Criteria: one number that says how good an information matrix is."""

@@ -1,0 +1,44 @@
+"""What a criterion is: one number with three faces."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import casadi as ca
+    import cvxpy as cp
+    import numpy as np
+
+
+@dataclass(frozen=True)
+class Lift:
+    """A criterion as a smooth program: maximise `objective` over extra `variables` subject to `equalities` = 0.
+
+    All are SX columns; `lower` (v,) bounds the variables from below; `start` maps a numerical W (n, n) and the unit c
+    to values (v,) of the variables that satisfy the equalities, or nearly.
+    """
+
+    objective: ca.SX
+    variables: ca.SX
+    equalities: ca.SX
+    lower: np.ndarray
+    start: Callable[[np.ndarray, float], np.ndarray]
+
+
+class AbstractCriterion(ABC):
+    """A number that says how good an information matrix W (n, n) is; larger is better. Leaves are final, one file each."""
+
+    @abstractmethod
+    def value(self, W: np.ndarray) -> float:
+        """Return the number for W >= 0 symmetric; -inf where it does not exist."""
+
+    @abstractmethod
+    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
+        """Return the number as smooth constraints, with W measured in units of the scalar c > 0 for conditioning."""
+
+    @abstractmethod
+    def atom(self, W: cp.Expression) -> cp.Expression:
+        """Return the number as a concave CVXPY expression of a symmetric W."""

@@ -1,0 +1,1 @@
+"""Shaping a path so that the sensors see the state well."""

@@ -1,0 +1,1 @@
+"""How much the samples along a path say about the state."""

@@ -1,0 +1,55 @@
+"""What is known of the state before the first measurement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.errors import InputError
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Prior:
+    """x(t_0) ~ N(mean, covariance): mean (n,), and either std (n,) > 0 or covariance (n, n), in the units of the states.
+
+    Raises InputError for a covariance that is not symmetric positive definite.
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    def __init__(self, mean: ArrayLike, std: ArrayLike | None = None, covariance: ArrayLike | None = None) -> None:
+        centre = np.array(mean, dtype=float)
+        if (std is None) == (covariance is None):
+            raise InputError("prior: give either std or covariance")
+        spread = np.array(covariance if std is None else std, dtype=float)
+        if std is not None:
+            if spread.shape != centre.shape or not (np.isfinite(spread).all() and (spread > 0).all()):
+                raise InputError(f"prior: std is {spread.tolist()}: must be {centre.size} finite numbers above 0")
+            spread = np.diag(spread**2)
+        _require_covariance(spread, centre)
+        for name, value in (("mean", centre), ("covariance", spread)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation (n,) of each state."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def information(self) -> np.ndarray:
+        """P_0^-1 (n, n)."""
+        return np.linalg.inv(self.covariance)
+
+
+def _require_covariance(covariance: np.ndarray, mean: np.ndarray) -> None:
+    n = mean.size
+    if mean.ndim != 1 or covariance.shape != (n, n) or not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        raise InputError(f"prior: mean {mean.shape} and covariance {covariance.shape} must be finite, (n,) and (n, n)")
+    scale = np.sqrt(np.abs(np.diag(covariance)))
+    lowest = -1.0 if not scale.all() else np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0]
+    if lowest <= 1e-13 or not np.allclose(covariance, covariance.T, rtol=1e-12, atol=0):
+        raise InputError("prior: the covariance must be symmetric and positive definite")

@@ -1,0 +1,64 @@
+"""The information blocks that design, selection and validation share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.
+
+    Weighted blocks are Fisher information, in 1/(unit_i unit_j). Information adds up over steps and sensors.
+    """
+
+    blocks: np.ndarray
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        blocks = np.array(self.blocks, dtype=float)
+        if blocks.ndim != 4 or blocks.shape[1] != len(self.names) or blocks.shape[2] != blocks.shape[3]:
+            raise InputError(f"information: blocks {blocks.shape} do not fit (N, {len(self.names)}, n, n)")
+        blocks.setflags(write=False)
+        object.__setattr__(self, "blocks", blocks)
+
+    @property
+    def total(self) -> np.ndarray:
+        """W (n, n) = sum of all blocks."""
+        return self.blocks.sum(axis=(0, 1))
+
+    def by_segment(self, segments: int) -> np.ndarray:
+        """Return (K, S, n, n): the blocks of K equal groups of steps, summed. K must divide N."""
+        steps = len(self.blocks)
+        if segments < 1 or steps % segments:
+            raise InputError(f"segments is {segments}: must divide the number of steps, {steps}")
+        shape = (segments, steps // segments, *self.blocks.shape[1:])
+        return self.blocks.reshape(shape).sum(axis=1)
+
+    def only(self, *sensors: str) -> Information:
+        """Return the information of the named sensors alone."""
+        unknown = [name for name in sensors if name not in self.names]
+        if unknown:
+            raise InputError(f"no sensor {unknown[0]!r} (there are {', '.join(self.names)})")
+        return Information(self.blocks[:, [self.names.index(name) for name in sensors]], sensors)
+
+
+def standard_deviations(J: np.ndarray) -> np.ndarray:
+    """Return sqrt(diag(J^-1)) (..., n) in the units of the states; inf where J (..., n, n) is blind to a state.
+
+    A direction counts as hidden when its eigenvalue, after J is scaled to unit diagonal, is below n eps.
+    """
+    J = np.asarray(J, dtype=float)
+    n = J.shape[-1]
+    diagonal = np.diagonal(J, axis1=-2, axis2=-1)
+    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
+    values, vectors = np.linalg.eigh(J * scale[..., :, None] * scale[..., None, :])
+    hidden = values <= n * np.finfo(float).eps * np.maximum(values[..., -1:], 1.0)
+    inverse = np.where(hidden, 0.0, 1 / np.where(hidden, 1.0, values))
+    variances = np.einsum("...ij,...j->...i", vectors**2, inverse)
+    blind = np.einsum("...ij,...j->...i", vectors**2, hidden.astype(float)) > np.sqrt(np.finfo(float).eps)
+    return np.where(blind, np.inf, np.sqrt(variances) * scale)

@@ -1,0 +1,1 @@
+"""Path families: how few parameters become an input history."""

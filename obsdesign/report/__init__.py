@@ -1,0 +1,1 @@
+"""Results as one page, one JSON and figures; the only place that imports matplotlib."""

@@ -1,0 +1,1 @@
+"""TOML -> a typed study; the only place where a string chooses a class."""

@@ -1,0 +1,74 @@
+"""Reading a scenario file, and saying all that is wrong with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from obsdesign.errors import ScenarioError
+from obsdesign.scenario.contradictions import contradictions
+from obsdesign.scenario.schema import LEAVES, Scenario
+from obsdesign.scenario.wording import Location, Problem, described, in_file, in_radians, unknown_key
+
+_OWN = ("file", "digest")  # fields of the record that are no keys of the file
+
+
+def load_scenario(file: str | Path) -> Scenario:
+    """Read and check a scenario; runs no code and starts no solver.
+
+    Raises ScenarioError for a file that cannot be read, for TOML that is none (line and column), and for every key that is
+    unknown, missing or has a value that is not accepted: all of them in one message.
+    """
+    file = Path(file)
+    try:
+        content = file.read_bytes()
+        data = tomllib.loads(content.decode())
+    except OSError as error:
+        raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{file}: not valid TOML: {error}") from None
+    own = [Problem((key,), unknown_key(key, _keys_at(()))) for key in _OWN if key in data]
+    scenario, problems = _validated(data, str(file), hashlib.sha256(content).hexdigest())
+    problems = own + problems
+    if scenario is None or problems:
+        count = "" if len(problems) == 1 else f" {len(problems)} problems"
+        raise ScenarioError(f"{file}:{count}" + "".join(f"\n  {problem}" for problem in problems))
+    return scenario
+
+
+def _validated(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario | None, list[Problem]]:
+    try:
+        # strict JSON mode: arrays become tuples, nothing else is converted
+        text = json.dumps({**in_radians(data), "file": file, "digest": digest}, default=str)
+        scenario = Scenario.model_validate_json(text)
+    except ValidationError as error:
+        return None, [described(each, data, _keys_at) for each in error.errors()]
+    return scenario, [Problem(in_file(problem.location, data), problem.message) for problem in contradictions(scenario)]
+
+
+def _keys_at(location: Location) -> Sequence[str]:
+    """Keys that the table at a location accepts."""
+    table: Any = Scenario
+    for part in location:
+        if part in LEAVES:
+            table = LEAVES[str(part)]
+        elif not isinstance(part, int) and isinstance(table, type) and issubclass(table, BaseModel):
+            table = _table_in(table.model_fields[part].annotation)
+    if is_dataclass(table):
+        return ("kind", *(field.name for field in fields(table)))
+    return [key for key in table.model_fields if key not in _OWN] if isinstance(table, type) and issubclass(table, BaseModel) else ()
+
+
+def _table_in(annotation: Any) -> Any:  # noqa: ANN401
+    """The model inside an annotation such as tuple[Model, ...]."""
+    inner = [part for part in get_args(annotation) if isinstance(part, type) and issubclass(part, BaseModel)]
+    return inner[0] if inner else annotation

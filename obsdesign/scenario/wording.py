@@ -1,0 +1,112 @@
+"""What is wrong with a scenario, in words: the key's path, its value, what is accepted."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+_DEGREES = "_deg"
+Location = tuple[str | int, ...]
+# (location of a table) -> the keys it accepts, or nothing where any are
+AcceptedKeys = Callable[[Location], Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: where (a key's path) and why."""
+
+    location: Location
+    message: str
+
+    def __str__(self) -> str:
+        return f"{spelled(self.location)}: {self.message}"
+
+
+def spelled(location: Location) -> str:
+    """Return a location as it would be written: sensors[0].sigma."""
+    text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
+    return text.removeprefix(".") or "scenario"
+
+
+def in_radians(value: Any) -> Any:  # noqa: ANN401  # whatever TOML can hold
+    """Return TOML data with every number under a key that ends in _deg converted to radians, under the key without it."""
+    if isinstance(value, Mapping):
+        return {_without_degrees(key, item): _converted(key, item) for key, item in value.items()}
+    return [in_radians(item) for item in value] if isinstance(value, list) else value
+
+
+def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Problem:  # noqa: ANN401
+    """Return a pydantic error as a Problem of the TOML data it came from."""
+    location, kind = in_file(error["loc"], data), error["type"]
+    value = _at(data, location)
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return Problem(location, unknown_key(str(location[-1]), [key for key in accepted(error["loc"][:-1]) if key]))
+    if kind.startswith("missing"):
+        return Problem(location, "missing key")
+    if kind == "union_tag_not_found":
+        return Problem((*location, "kind"), "missing key")
+    if kind == "union_tag_invalid":
+        choices = [tag for tag in (part.strip("' ") for part in error["ctx"]["expected_tags"].split(",")) if tag]
+        return Problem((*location, "kind"), unknown_name(error["ctx"]["tag"], choices))
+    if kind == "value_error":
+        degrees = [f"{key} = {item}" for key, item in value.items() if key.endswith(_DEGREES)] if isinstance(value, Mapping) else []
+        given = f" (given as {', '.join(degrees)})" if degrees else ""
+        return Problem(location, str(error["ctx"]["error"]) + given)
+    message = error["msg"].replace("Input should be", "must be")
+    return Problem(location, f"is {value!r}: {message[:1].lower()}{message[1:]}")
+
+
+def unknown_key(key: str, accepted: Sequence[str]) -> str:
+    """Return what to say of a key that nobody knows."""
+    near = difflib.get_close_matches(key.removesuffix(_DEGREES), accepted, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"unknown key{hint} (accepted: {', '.join(accepted) or 'none'})"
+
+
+def unknown_name(name: str, accepted: Sequence[str]) -> str:
+    """Return what to say of a value that must be one of several names."""
+    near = difflib.get_close_matches(name, accepted, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"is {name!r}: must be one of {', '.join(accepted)}{hint}"
+
+
+def _is_angle(item: Any) -> bool:  # noqa: ANN401
+    numbers = item if isinstance(item, list) else [item]
+    return all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
+
+
+def _without_degrees(key: str, item: Any) -> str:  # noqa: ANN401
+    return key.removesuffix(_DEGREES) if _is_angle(item) else key
+
+
+def _converted(key: str, item: Any) -> Any:  # noqa: ANN401
+    if not (key.endswith(_DEGREES) and _is_angle(item)):
+        return in_radians(item)
+    return [math.radians(number) for number in item] if isinstance(item, list) else math.radians(item)
+
+
+def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
+    """Return the location as it stands in the file: without the tags of unions, with _deg where that was written."""
+    found: list[str | int] = []
+    for place, part in enumerate(location):
+        if isinstance(data, Mapping) and part == data.get("kind"):
+            continue
+        if isinstance(data, Mapping) and part not in data and f"{part}{_DEGREES}" in data:
+            part = f"{part}{_DEGREES}"
+        found.append(part)
+        data = _at(data, (part,)) if place < len(location) - 1 else data
+    return tuple(found)
+
+
+def _at(data: Any, location: Location) -> Any:  # noqa: ANN401
+    for part in location:
+        if isinstance(data, Mapping):
+            data = data.get(str(part))
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+        else:
+            return None
+    return data

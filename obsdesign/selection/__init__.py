@@ -1,0 +1,1 @@
+"""Which sensors need to be on, when."""

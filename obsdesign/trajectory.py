@@ -1,0 +1,50 @@
+"""A path: times, states and inputs; the same record from simulation, design and log files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.checks import require_positive
+from obsdesign.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """t (N+1,) [s], x (N+1, n), u (N, m): inputs u[k] are held from t[k] to t[k+1].
+
+    Raises InputError for shapes that do not fit, values that are not finite and steps that are not equal.
+    """
+
+    t: np.ndarray
+    x: np.ndarray
+    u: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("t", "x", "u"):
+            values = np.array(getattr(self, name), dtype=float)
+            if not np.isfinite(values).all():
+                first = np.argwhere(~np.isfinite(values))[0]
+                raise InputError(f"trajectory: {name}[{', '.join(map(str, first))}] is {values[tuple(first)]}: must be finite")
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        steps = len(self.t) - 1
+        if self.t.ndim != 1 or steps < 1 or self.x.ndim != 2 or self.u.ndim != 2 or len(self.x) != steps + 1 or len(self.u) != steps:
+            raise InputError(
+                f"trajectory: t {self.t.shape}, x {self.x.shape}, u {self.u.shape} do not fit: needs (N+1,), (N+1, n), (N, m), N > 0"
+            )
+        require_positive("trajectory: step", float(self.t[1] - self.t[0]))
+        if not np.allclose(np.diff(self.t), self.step, rtol=1e-6, atol=0):
+            raise InputError("trajectory: t must have equal steps")
+
+    @property
+    def steps(self) -> int:
+        """N."""
+        return len(self.u)
+
+    @property
+    def step(self) -> float:
+        """Length of one step [s]."""
+        # of the whole span: the difference of two neighbouring times carries their round-off
+        return float(round((self.t[-1] - self.t[0]) / (len(self.t) - 1), 12))

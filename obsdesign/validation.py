@@ -1,0 +1,160 @@
+"""Monte Carlo over a filter: does it reach the bound, and does it know how well it does?"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi2
+
+from obsdesign.calculus import wrap_columns
+from obsdesign.checks import require_count
+from obsdesign.compile import advance, output
+from obsdesign.errors import InputError
+from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.information.posterior import noise_factor, posterior_information
+from obsdesign.information.prior import Prior
+from obsdesign.information.record import standard_deviations
+from obsdesign.information.sampling import sampled
+from obsdesign.selection.schedule import Schedule
+from obsdesign.system import AbstractSystem
+from obsdesign.trajectory import Trajectory
+
+SETTLED = 0.25  # share of the path after which consistency is judged
+CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
+_CHUNK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
+
+Consistency = Literal["consistent", "overconfident", "underconfident"]
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """What R filter runs did. All over t (N+1,): values at t_k after that instant's update, predicted at t_N.
+
+    rmse (N+1, n): root mean square error per state; bound (N+1, n): posterior Cramer-Rao standard deviation;
+    nees (N+1,): run-averaged e'P^-1 e, n on average for an honest filter; nees_interval: its 95 % band (chi-square, R n
+    degrees of freedom); in_band: share of the instants after the first quarter inside it; consistent: at least 65 % of them.
+    """
+
+    t: np.ndarray
+    rmse: np.ndarray
+    bound: np.ndarray
+    nees: np.ndarray
+    nees_interval: tuple[float, float]
+    in_band: float
+    verdict: Consistency
+    runs: int
+    seed: int
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the filter's covariance tells the truth about its errors."""
+        return self.verdict == "consistent"
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Everything a worker needs for one chunk of runs."""
+
+    system: AbstractSystem
+    path: Trajectory
+    prior: Prior
+    active: np.ndarray
+    noise: np.ndarray
+    seed: int
+    runs: range
+
+
+def validate(
+    system: AbstractSystem,
+    path: Trajectory,
+    schedule: Schedule | ArrayLike | None = None,
+    *,
+    prior: Prior,
+    runs: int = 200,
+    seed: int = 0,
+    executor: Executor | None = None,
+    disturbance_psd: ArrayLike | None = None,
+) -> Validation:
+    """Run an EKF on `runs` simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
+
+    Truth follows the path's inputs from x(t_0) with process noise of psd (n,) or (n, n) [unit^2/s]; each filter starts at a
+    draw from N(x(t_0), P_0) and knows the psd. schedule: Schedule, (K, S) bool, or None = all sensors on.
+    Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
+    """
+    require_count("runs", runs)
+    active = active_steps(system, path, schedule)
+    J = posterior_information(system, path, prior, disturbance_psd, active=active)
+    noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
+    chunks = [range(first, min(first + _CHUNK, runs)) for first in range(0, runs, _CHUNK)]
+    tasks = [_Task(system, path, prior, active, noise, seed, chunk) for chunk in chunks]
+    results = list(map(_flown, tasks) if executor is None else executor.map(_flown, tasks))
+    errors, nees = (np.concatenate(parts, axis=1) for parts in zip(*results, strict=True))
+    return _judged(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
+
+
+def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None) -> np.ndarray:
+    """Return (N, S) bool: where a sensor is on by the schedule and has a sample."""
+    mask = sampled(system, path.steps, path.step)
+    if schedule is None:
+        return mask
+    chosen = np.asarray(schedule.chosen if isinstance(schedule, Schedule) else schedule, dtype=bool)
+    if chosen.ndim != 2 or chosen.shape[1] != mask.shape[1] or not len(chosen) or path.steps % len(chosen):
+        raise InputError(f"schedule has shape {chosen.shape}: must be (K, {mask.shape[1]}), with K a divisor of {path.steps} steps")
+    return mask & np.repeat(chosen, path.steps // len(chosen), axis=0)
+
+
+def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors (N+1, R, n) and NEES (N+1, R) of one chunk of runs."""
+    system, path = task.system, task.path
+    model, n, count = system.model, path.x.shape[1], len(task.runs)
+    draws = [_draws(task, run) for run in task.runs]
+    guess, gusts, blur = (np.stack(parts) for parts in zip(*draws, strict=True))
+    truth = _truth(task, gusts)
+    read = output(system).map(count)
+    y = np.stack([read(truth[k].T)[0].full().T for k in range(path.steps)]) + blur.swapaxes(0, 1)
+    owner = np.array(model.output_owner)
+    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, count)
+    first = Belief(path.x[0] + guess, np.tile(task.prior.covariance, (count, 1, 1)))
+    is_angle = np.array([state.is_angle for state in model.states])
+    errors, nees = np.empty((path.steps + 1, count, n)), np.empty((path.steps + 1, count))
+    for k, belief in enumerate(estimator.run(first, path.u, y, task.active[:, owner])):
+        errors[k] = wrap_columns(belief.mean - truth[k], is_angle)
+        weighted = np.linalg.solve(belief.covariance, errors[k][:, :, None])[:, :, 0]
+        nees[k] = np.einsum("ri,ri->r", errors[k], weighted)
+    return errors, nees
+
+
+def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Initial error (n,), process noise (N, n) and measurement noise (N, q) of one run, from a stream of its own."""
+    random = np.random.default_rng([task.seed, run])
+    steps, sigmas = task.path.steps, np.array(task.system.model.sigmas)
+    guess = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
+    gusts = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
+    return guess, gusts, random.standard_normal((steps, len(sigmas))) * sigmas
+
+
+def _truth(task: _Task, gusts: np.ndarray) -> np.ndarray:
+    """Return the true states (N+1, R, n) under process noise gusts (R, N, n)."""
+    count = len(gusts)
+    fly = advance(task.system, task.path.step).map(count)
+    idle = np.zeros((len(task.system.model.unknown_inputs), count))
+    states = [np.tile(task.path.x[0], (count, 1))]
+    for k, u in enumerate(task.path.u):
+        states.append(fly(states[k].T, np.tile(u[:, None], count), idle).full().T + gusts[:, k])
+    return np.stack(states)
+
+
+def _judged(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:
+    runs, n = nees.shape[1], rmse.shape[1]
+    low, high = (float(chi2.ppf(share, runs * n)) / runs for share in (0.025, 0.975))
+    average = nees.mean(axis=1)
+    later = average[t >= t[0] + SETTLED * (t[-1] - t[0])]
+    in_band = float(np.mean((later >= low) & (later <= high)))
+    verdict: Consistency = "consistent"
+    if in_band < CONSISTENT_SHARE:
+        verdict = "overconfident" if np.sum(later > high) >= np.sum(later < low) else "underconfident"
+    return Validation(t, rmse, bound, average, (low, high), in_band, verdict, runs, seed)

@@ -1,0 +1,1 @@
+"""Vehicles: how the state moves."""

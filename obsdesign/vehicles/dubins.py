@@ -1,0 +1,46 @@
+"""Constant airspeed, steered by its turn rate, carried by wind or current."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from obsdesign.checks import require_positive
+from obsdesign.signals import Signal
+from obsdesign.vehicles import _planar as planar
+from obsdesign.vehicles.abstract import TURN_RATE, AbstractVehicle, Fields
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+@dataclass(frozen=True)
+class Dubins(AbstractVehicle):
+    """xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
+
+    speed [m/s] > 0; wind: None, "constant" (states wind_x, wind_y) or "unknown" (unknown inputs of those names).
+    Raises InputError for other values. Source: Brace and Morgansen, Sigma_D (eq. 6).
+    """
+
+    speed: float
+    wind: planar.Wind | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("speed", self.speed)
+        planar.require_wind(self.wind)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        return planar.planar_states(self.wind)
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        return (TURN_RATE,)
+
+    @property
+    def disturbances(self) -> tuple[Signal, ...]:
+        return planar.planar_disturbances(self.wind)
+
+    def fields(self, x: ca.SX) -> Fields:
+        drift = self.speed * planar.forward(x) + planar.carried(x, self.wind)
+        return Fields(drift, (planar.turn(x),), planar.blown(x, self.wind))

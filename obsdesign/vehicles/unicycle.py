@@ -1,0 +1,42 @@
+"""Speed and turn rate as inputs, carried by wind or current."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from obsdesign.signals import Signal
+from obsdesign.vehicles import _planar as planar
+from obsdesign.vehicles.abstract import SPEED, TURN_RATE, AbstractVehicle, Fields
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+@dataclass(frozen=True)
+class Unicycle(AbstractVehicle):
+    """xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
+
+    Both speed [m/s] and turn_rate [rad/s] are inputs; wind as in Dubins.
+    Source: Brace and Morgansen, Sigma_U (eq. 5).
+    """
+
+    wind: planar.Wind | None = None
+
+    def __post_init__(self) -> None:
+        planar.require_wind(self.wind)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        return planar.planar_states(self.wind)
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        return (SPEED, TURN_RATE)
+
+    @property
+    def disturbances(self) -> tuple[Signal, ...]:
+        return planar.planar_disturbances(self.wind)
+
+    def fields(self, x: ca.SX) -> Fields:
+        return Fields(planar.carried(x, self.wind), (planar.forward(x), planar.turn(x)), planar.blown(x, self.wind))
