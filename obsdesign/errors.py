@@ -25,9 +25,7 @@ class UnobservableError(ObsdesignError):
     """The sensors cannot see the whole state; `verdict` says which direction stays hidden."""
 
     def __init__(self, verdict: Verdict) -> None:
-        super().__init__(
-            f"unobservable: the sensors see {verdict.dimension} of {verdict.null_space.shape[0]} dimensions; {verdict.hidden}"
-        )
+        super().__init__(f"unobservable: the sensors see {verdict.dimension} of {verdict.null_space.shape[0]} dimensions; {verdict.hidden}")
         self.verdict = verdict
 
     def __reduce__(self) -> tuple[type, tuple[Verdict]]:

@@ -66,7 +66,7 @@ class AbstractRing(ABC, Generic[Scalar]):
 
 
 def instructions(function: ca.Function) -> tuple[Instruction, ...]:
-    """Return the steps of an SX function with one dense result."""
+    """Return the steps of an SX function with one result."""
     steps = []
     for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
@@ -76,7 +76,7 @@ def instructions(function: ca.Function) -> tuple[Instruction, ...]:
 
 
 def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Scalar]], ring: AbstractRing[Scalar]) -> list[Scalar]:
-    """Return the entries of the result in column-major order; arguments: the entries of each input."""
+    """Return the nonzeros of the result in column-major order; arguments: the nonzeros of each input."""
     work: dict[int, Scalar] = {}
     result: dict[int, Scalar] = {}
     for operation, target, sources, value in steps:
@@ -117,7 +117,6 @@ _SAME_NAME = (
 )
 # What has no smooth value (a comparison of equals, the kink of a norm, a pole) is nan, and nan spreads to the result.
 _BALL_OPERATIONS: Mapping[int, Callable[..., arb]] = {
-    ca.OP_ASSIGN: lambda a: a,
     ca.OP_ADD: lambda a, b: a + b,
     ca.OP_SUB: lambda a, b: a - b,
     ca.OP_MUL: lambda a, b: a * b,
@@ -129,7 +128,7 @@ _BALL_OPERATIONS: Mapping[int, Callable[..., arb]] = {
     ca.OP_POW: lambda a, b: a**b,
     ca.OP_CONSTPOW: lambda a, b: a**b,
     **{getattr(ca, f"OP_{name.upper()}"): getattr(arb, name) for name in _SAME_NAME},
-    ca.OP_ATAN2: lambda a, b: a.atan2(b) if _apart(a) or _apart(b) else arb.nan(),
+    ca.OP_ATAN2: lambda a, b: arb.atan2(a, b) if _apart(a) or _apart(b) else arb.nan(),
     ca.OP_HYPOT: lambda a, b: (a * a + b * b).sqrt(),
     ca.OP_FABS: lambda a: a * _sign(a),
     ca.OP_SIGN: _sign,
@@ -148,7 +147,6 @@ _BALL_OPERATIONS: Mapping[int, Callable[..., arb]] = {
     ca.OP_AND: lambda a, b: _truth(_apart(a) and _apart(b), a.is_zero() or b.is_zero()),
     ca.OP_OR: lambda a, b: _truth(_apart(a) or _apart(b), a.is_zero() and b.is_zero()),
     ca.OP_IF_ELSE_ZERO: lambda a, b: arb(0) if a.is_zero() else b if _apart(a) else arb.nan(),
-    ca.OP_LIFT: lambda a, _: a,
     ca.OP_PRINTME: lambda a, _: a,
 }
 # The two irrational numbers that CasADi writes into derivatives, of erf and erfinv.
@@ -239,20 +237,21 @@ class Rank:
 
 
 def rank_at(matrix: ca.Function, arguments: Sequence[Sequence[Fraction]], stages: Sequence[int] | None = None) -> Rank:
-    """Return the rank of matrix(arguments) (m, n), dense, doubling the precision until it is decided or the limit reached.
+    """Return the rank of matrix(arguments) (m, n), doubling the precision until it is decided or the limit reached.
 
     stages: a number per row; pivots come from rows of a lower stage as long as these have any.
     Raises NoValueError where a row has no finite value at any precision, UnsupportedOperationError.
     """
-    steps, (m, n) = instructions(matrix), matrix.size_out(0)
+    steps, shape = instructions(matrix), matrix.sparsity_out(0)
     rank, failed = None, []
     for bits in PRECISIONS:
         with flint.ctx.workprec(bits):
             balls = [[arb(fmpq(value.numerator, value.denominator)) for value in argument] for argument in arguments]
-            entries = evaluate(steps, balls, BallRing())
-            rows = [[entries[i + m * j] for j in range(n)] for i in range(m)]
+            rows = [[arb(0)] * shape.size2() for _ in range(shape.size1())]
+            for entry, i, j in zip(evaluate(steps, balls, BallRing()), shape.row(), shape.get_col(), strict=True):
+                rows[i][j] = entry
             failed = [i for i, row in enumerate(rows) if not all(entry.is_finite() for entry in row)]
-            rank = None if failed else _eliminate(rows, n, stages or [0] * m)
+            rank = None if failed else _eliminate(rows, shape.size2(), stages or [0] * len(rows))
         if rank and rank.decided:
             break
     if rank is None:
@@ -289,8 +288,8 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:
 
 
 def _exponent(entries: Sequence[arb]) -> int:
-    """Return the least e with |entry| <= 2^e for all entries, 0 where all are 0."""
-    mantissa, exponent = max((entry.abs_upper() for entry in entries), default=arb(0)).man_exp()
+    """Return the least e with |entry| <= 2^e, as far as the entries exclude 0: balls around 0 are not blown up."""
+    mantissa, exponent = max((entry.abs_lower() for entry in entries), default=arb(0)).man_exp()
     return int(exponent) + int(mantissa).bit_length()
 
 

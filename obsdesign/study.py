@@ -256,7 +256,9 @@ def _candidate(scenario: Scenario, problem: DesignProblem, name: str, path: Traj
     return Candidate(name, path, information, qualities, problem.is_feasible(path.x))
 
 
-def _checks(scenario: Scenario, system: System, candidates: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None) -> Iterator[Check]:
+def _checks(
+    scenario: Scenario, system: System, candidates: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None
+) -> Iterator[Check]:
     psd = np.array([scenario.process_noise.get(name, 0.0) for name in scenario.state_names]) ** 2
     paths = {candidate.name: candidate.path for candidate in candidates}
     schedules = {"chosen": selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}

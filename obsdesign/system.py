@@ -109,10 +109,14 @@ class Model:
 class AbstractSystem(ABC):
     """Anything that can be analysed, designed for and filtered."""
 
-    @property
-    @abstractmethod
+    @cached_property
     def model(self) -> Model:
         """The symbolic record, built once."""
+        return self._build()
+
+    @abstractmethod
+    def _build(self) -> Model:
+        """Return the symbolic record."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +147,7 @@ class System(AbstractSystem):
         # without the cached model: CasADi expressions do not travel between processes
         return System, (self.vehicle, self.sensors, self.unknown_inputs)
 
-    @cached_property
-    def model(self) -> Model:
+    def _build(self) -> Model:
         import casadi as ca
 
         vehicle = self.vehicle
@@ -218,8 +221,7 @@ class ControlAffineSystem(AbstractSystem):
         for name, sigma in self.sigmas.items():
             require_positive(f"{name}: sigma", sigma)
 
-    @cached_property
-    def model(self) -> Model:
+    def _build(self) -> Model:
         n = self.state.numel()
         signals = {name: Signal(name, is_angle=name in self.angles) for name in (*self.names, *self.outputs)}
         channels = tuple(

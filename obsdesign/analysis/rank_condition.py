@@ -21,8 +21,8 @@ from obsdesign.errors import InputError
 from obsdesign.rank import NoValueError, Rank, Symbolised, as_rational, rank_at, symbolise
 from obsdesign.system import AbstractSystem, Model
 
-WORDS, ORDERS = 300, 20
-"""At a point: Lie derivatives are taken up to this order, as long as that does not make more functions than this."""
+ORDERS, NODES = 20, 4_000
+"""At a point: no order of Lie derivatives is begun above this, or once the graph of all words has more nodes than this."""
 NEARLY_SINGULAR = 1e-8
 """A pivot below this, relative to the scale of its row and column, is called nearly singular."""
 
@@ -34,7 +34,7 @@ _DRAWS_PER_BOX = 3
 _NEARNESS = (Fraction(1, 2**10), Fraction(1, 2**20), Fraction(1, 2**30))
 
 
-def observability(  # noqa: PLR0917  # the public contract
+def observability(  # the public contract
     system: AbstractSystem,
     at: ArrayLike | None = None,
     held: Mapping[str, float] | None = None,
@@ -90,7 +90,7 @@ class _Words:
 
     def rank(self, point: Exact) -> Rank:
         """Return the rank of the gradients at the point; raise NoValueError, naming the function that has none."""
-        gradients = ca.densify(ca.cse(ca.jacobian(self.functions.expression, self.x)))
+        gradients = ca.cse(ca.jacobian(self.functions.expression, self.x))
         matrix = ca.Function("gradients", [self.x, self.functions.constants], [gradients])
         try:
             return rank_at(matrix, (point, self.functions.values), stages=self.orders)
@@ -120,9 +120,8 @@ class _Words:
             origins=self.origins + tuple(self.origins[i] for _ in self.fields for i in rows),
             orders=self.orders + tuple(self.orders[i] + 1 for _ in self.fields for i in rows),
         )
-        variable = set(ca.jacobian_sparsity(every.expression, self.x).row())
-        hashes = [every.expression[i].element_hash() for i in range(len(words.orders))]
-        return words.picked([i for i, key in enumerate(hashes) if i in variable and key not in hashes[:i]])
+        first = {every.expression[i].element_hash(): i for i in reversed(range(len(words.orders)))}
+        return words.picked(sorted(set(first.values()) & set(ca.jacobian_sparsity(every.expression, self.x).row())))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,25 +194,24 @@ def _closed(words: _Words, point: Exact) -> _Finding:
 def _at_point(outputs: _Words, nearby: _Finding, point: Exact) -> _Finding:
     """Return what is found at the point: with the words kept nearby, or with all words where those say too little here."""
     goal = nearby.rank.rank
-    finding = _Finding(nearby.kept, nearby.kept.rank(point), point, "", goal)
+    finding = _Finding(nearby.kept, nearby.kept.rank(point), point, "cap" if nearby.decided else "precision", goal)
     if finding.rank.rank < goal:
         finding = _all_words(outputs, goal, point)
     if finding.rank.rank == outputs.x.numel():
         return replace(finding, stopped_by="full")
-    reached = finding.rank.rank >= goal and nearby.decided
-    return replace(finding, stopped_by="cap" if reached else "stalled" if finding.rank.decided else "precision")
+    return finding if finding.rank.decided else replace(finding, stopped_by="precision")
 
 
 def _all_words(words: _Words, goal: int, point: Exact) -> _Finding:
-    """Add all Lie derivatives, order by order, until the rank at the point reaches the goal or `WORDS` and `ORDERS` are used up."""
+    """Add all Lie derivatives, order by order, until the rank at the point is the goal, or none are left, or a limit is reached."""
     rank, order = words.rank(point), 0
-    while rank.rank < goal and order < ORDERS:
+    while rank.rank < goal:
         last = [row for row, found in enumerate(words.orders) if found == order]
-        if not last or len(words.orders) + len(last) * len(words.fields) > WORDS:
-            break
+        if not last or order == ORDERS or ca.n_nodes(words.functions.expression) > NODES:
+            return _Finding(words, rank, point, "stalled" if last else "criterion", goal)
         words, order = words.extended(last), order + 1
         rank = words.rank(point)
-    return _Finding(words, rank, point, "", goal)
+    return _Finding(words, rank, point, "cap", goal)
 
 
 def _draws(n: int, seed: int) -> Iterator[Exact]:
@@ -255,19 +253,18 @@ def _verdict(model: Model, finding: _Finding) -> Verdict:
 
 
 def _proof(finding: _Finding, n: int) -> str:
-    rank = finding.rank
-    least = f"at least {rank.rank} of {n}: a minor of the gradients excludes 0 in {rank.bits}-bit ball arithmetic"
-    if rank.rank:
-        least += f" (smallest pivot {rank.smallest_pivot:.1e} of the scale{', nearly singular' * (rank.smallest_pivot < NEARLY_SINGULAR)})"
-    order = max(finding.words.orders)
+    rank, order = finding.rank, max(finding.words.orders)
+    caution = ", nearly singular or badly scaled" * (rank.smallest_pivot < NEARLY_SINGULAR)
+    pivot = f"a minor of the gradients excludes 0 in {rank.bits}-bit ball arithmetic (pivots down to {rank.smallest_pivot:.1e}{caution})"
+    remainder = f"only balls around 0, up to {rank.largest_remainder:.1e}"
     most = {
         "full": "no more is possible",
-        "criterion": f"generically no more: another sweep adds only balls around 0, up to {rank.largest_remainder:.1e}, at a random rational point",
-        "cap": "no more is possible: the rank of points nearby is the same",
-        "stalled": f"not decided: Lie derivatives up to order {order} add no more here, {finding.nearby} dimensions are seen nearby",
+        "criterion": f"no more: another sweep of Lie derivatives adds {remainder}",
+        "cap": "no more is possible: the generic rank is the same",
+        "stalled": f"not decided: Lie derivatives up to order {order} add {remainder} here, but the generic rank is {finding.nearby}",
         "precision": f"not decided: {rank.bits} bits do not tell the rest from 0",
     }
-    return f"{least}; {most[finding.stopped_by]}"
+    return f"at least {rank.rank} of {n}{f': {pivot}' if rank.rank else ''}; {most[finding.stopped_by]}"
 
 
 def _require_answerable(model: Model) -> None:

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-
-
 if TYPE_CHECKING:
     import casadi as ca
 
@@ -21,9 +19,7 @@ def lower_triangular(name: str, n: int) -> ca.SX:
 
 def entries(L: ca.SX) -> ca.SX:
     """Return the n(n+1)/2 entries of a lower-triangular L as a column, by columns."""
-    import casadi as ca
-
-    return ca.vertcat(*L.nonzeros())
+    return L.nz[:]
 
 
 def entries_of(L: np.ndarray) -> np.ndarray:

@@ -94,10 +94,9 @@ def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
     for place, part in enumerate(location):
         if isinstance(data, Mapping) and part == data.get("kind"):
             continue
-        if isinstance(data, Mapping) and part not in data and f"{part}{_DEGREES}" in data:
-            part = f"{part}{_DEGREES}"
-        found.append(part)
-        data = _at(data, (part,)) if place < len(location) - 1 else data
+        in_degrees = isinstance(data, Mapping) and part not in data and f"{part}{_DEGREES}" in data
+        found.append(f"{part}{_DEGREES}" if in_degrees else part)
+        data = _at(data, (found[-1],)) if place < len(location) - 1 else data
     return tuple(found)
 
 

@@ -61,8 +61,8 @@ def _relaxed(blocks: np.ndarray, per_segment: int, time_limit: float | None) -> 
     unit = 1 / max(float((D**2).max()), np.finfo(float).tiny)  # t is measured in this unit
     weights, t = cp.Variable((K, S), bounds=[0, 1]), cp.Variable()
     scaled = cp.reshape(columns @ cp.vec(weights, order="C"), (n, n), order="C") - t * unit * np.diag(D**2)
-    semidefinite = (scaled + scaled.T) / 2 >> 0
-    problem = cp.Problem(cp.Maximize(t), [semidefinite, cp.sum(weights, axis=1) <= per_segment])
+    semidefinite = cp.PSD((scaled + scaled.T) / 2)
+    problem = cp.Problem(cp.Maximize(t), [semidefinite, cp.NonNeg(per_segment - cp.sum(weights, axis=1))])
     options = {} if time_limit is None else {"time_limit": time_limit}
     nothing = np.full((K, S), np.nan), np.full((n, n), np.nan)
     try:
@@ -74,7 +74,7 @@ def _relaxed(blocks: np.ndarray, per_segment: int, time_limit: float | None) -> 
     status = _STATUS.get(problem.status, Status.NUMERICAL_ERROR)
     if not status.has_answer or semidefinite.dual_value is None or weights.value is None:
         return *nothing, Status.NUMERICAL_ERROR if status.has_answer else status
-    return weights.value, _normalised(semidefinite.dual_value * np.outer(D, D)), status
+    return weights.value, _normalised(np.asarray(semidefinite.dual_value) * np.outer(D, D)), status
 
 
 def _normalised(Z: np.ndarray) -> np.ndarray:

@@ -1,0 +1,194 @@
+"""The command line: verbs, exit codes, and the only place that prints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import IntEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from obsdesign import __version__
+from obsdesign.errors import InputError, ObsdesignError, ScenarioError, SolveError, UnobservableError
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from obsdesign.report.result import Result
+
+_EXAMPLES = """examples:
+  obsdesign check scenarios/aerosonde_wind.toml
+  obsdesign run scenarios/aerosonde_wind.toml --out reports/aerosonde_wind
+  obsdesign schema result > result.schema.json
+
+exit codes: 0 done, 1 the study says no (unobservable, infeasible, an expected value missed),
+            2 bad input, 3 a solver failed, 130 interrupted"""
+
+
+class Exit(IntEnum):
+    """What the exit code says."""
+
+    DONE = 0
+    NO = 1
+    BAD_INPUT = 2
+    SOLVER_FAILED = 3
+    INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run one verb and exit."""
+    options = _parser().parse_args(arguments)
+    try:
+        code = options.verb(options)
+    except ObsdesignError as error:
+        code = _exit_of(error)
+        _complain(options, str(error), code)
+    except KeyboardInterrupt:
+        code = Exit.INTERRUPTED
+        _complain(options, "interrupted: nothing was written", code)
+    sys.exit(code)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="obsdesign",
+        description="Can my sensors see the whole state, how should I move, which sensors need to be on, and does it hold in a filter?",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"obsdesign {__version__}")
+    verbs = parser.add_subparsers(title="verbs", required=True, metavar="VERB")
+    run = _verb(verbs, "run", _run, "answer the four questions of a scenario and write a page to look at")
+    run.add_argument("scenario", type=Path, help="TOML file")
+    run.add_argument("--out", type=Path, help="folder for report.html, result.json, trajectory.csv, schedule.csv (default: reports/NAME)")
+    run.add_argument("--seed", type=_count(0), help="overrides the scenario's seed")
+    run.add_argument(
+        "--jobs", type=_count(1), default=os.cpu_count() or 1, help="processes (default: %(default)s); the answer does not depend on it"
+    )
+    run.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    check = _verb(verbs, "check", _check, "read a scenario and say what is wrong with it; starts no solver")
+    check.add_argument("scenario", type=Path, help="TOML file")
+    check.add_argument("--quiet", action="store_true", help="say nothing when all is well")
+    for verb in (run, check):
+        verb.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    schema = _verb(verbs, "schema", _schema, "print the JSON Schema of scenarios or of result.json")
+    schema.add_argument("document", choices=("scenario", "result"))
+    schema.set_defaults(json=False)
+    return parser
+
+
+def _verb(verbs: argparse._SubParsersAction, name: str, action: Callable[[argparse.Namespace], Exit], what: str) -> argparse.ArgumentParser:
+    parser = verbs.add_parser(name, help=what, description=what)
+    parser.set_defaults(verb=action)
+    return parser
+
+
+def _count(least: int) -> Callable[[str], int]:
+    def whole_number(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {least}")
+        return int(text)
+
+    return whole_number
+
+
+def _run(options: argparse.Namespace) -> Exit:
+    from obsdesign.scenario.loading import load_scenario
+
+    scenario = load_scenario(options.scenario)
+    folder = options.out or Path("reports") / options.scenario.stem
+    _require_writable(folder)
+
+    from rich.console import Console
+
+    from obsdesign.report.folder import as_json, write_report
+    from obsdesign.study import run
+
+    errors = Console(stderr=True, highlight=False)
+    silent = options.quiet or not sys.stderr.isatty()
+    with _workers(options.jobs) as executor:
+        study = run(scenario, options.seed, executor, None if silent else errors.print)
+    result = write_report(folder, study)
+    if options.json:
+        print(as_json(result), end="")
+    elif not options.quiet:
+        from obsdesign.report.summary import summary_of
+
+        Console(highlight=False, soft_wrap=True).print(summary_of(result), f"\nWritten to {folder}/: open report.html")
+    return _judge(result)
+
+
+def _check(options: argparse.Namespace) -> Exit:
+    from obsdesign.scenario.loading import load_scenario
+
+    scenario = load_scenario(options.scenario)
+    if options.json:
+        print(json.dumps({"file": str(options.scenario), "title": scenario.title, "ok": True}))
+    elif not options.quiet:
+        sensors = ", ".join(scenario.sensor_names)
+        what = f"{scenario.title}: {len(scenario.state_names)} states, sensors {sensors}, {scenario.segments} segments"
+        print(f"{options.scenario}: fine ({what})")
+    return Exit.DONE
+
+
+def _schema(options: argparse.Namespace) -> Exit:
+    if options.document == "scenario":
+        from obsdesign.scenario.schema import Scenario as Document
+    else:
+        from obsdesign.report.result import Result as Document
+    print(json.dumps(Document.model_json_schema(), indent=1))
+    return Exit.DONE
+
+
+def _judge(result: Result) -> Exit:
+    missed = [each for each in result.expected if not each.met]
+    for each in missed:
+        found = "no such key in result.json" if each.found is None else f"found {each.found}"
+        print(f"expected {each.key} = {each.value} within {each.tolerance} ({each.source}): {found}", file=sys.stderr)
+    return Exit.NO if missed else Exit.DONE
+
+
+def _exit_of(error: ObsdesignError) -> Exit:
+    if isinstance(error, (ScenarioError, InputError)):
+        return Exit.BAD_INPUT
+    if isinstance(error, UnobservableError) or (isinstance(error, SolveError) and error.status.is_infeasible):
+        return Exit.NO
+    return Exit.SOLVER_FAILED
+
+
+def _complain(options: argparse.Namespace, message: str, code: Exit) -> None:
+    print(f"obsdesign: {message}", file=sys.stderr)
+    if options.json:
+        print(json.dumps({"error": message, "exit_code": int(code)}))
+
+
+def _require_writable(folder: Path) -> None:
+    """Refuse an unusable folder before a minute of work, without making it."""
+    existing = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK):
+        raise InputError(f"--out {folder}: {existing} is no folder that can be written to")
+
+
+@contextmanager
+def _workers(jobs: int) -> Iterator[Executor | None]:
+    """Yield a pool of processes, or None where one process is enough; workers end with the command."""
+    if jobs == 1:
+        yield None
+        return
+    import multiprocessing
+    import signal
+    from concurrent.futures import ProcessPoolExecutor
+
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    try:
+        yield pool
+    except BaseException:
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)

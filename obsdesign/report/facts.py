@@ -1,0 +1,167 @@
+"""Numbers that the page needs and a study holds only between the lines: pure functions of the study."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.constraints.goal import Goal
+from obsdesign.design.problem import FEASIBILITY, Cap
+from obsdesign.information.posterior import posterior_information
+from obsdesign.information.record import standard_deviations
+from obsdesign.selection.schedule import information_of
+from obsdesign.signals import Signal
+from obsdesign.study import Analysis, Candidate, Check, Quality, Study, prior_of
+from obsdesign.validation import SETTLED, active_steps
+
+DESIGNED, STRAIGHT, CHOSEN = "designed", "straight", "chosen"
+
+
+@dataclass(frozen=True)
+class Change:
+    """The final RMSE of one state: on the designed path with the chosen schedule, and on the baseline."""
+
+    signal: Signal
+    ours: float
+    theirs: float
+
+    @property
+    def is_better(self) -> bool:
+        """Whether the error is smaller by a fifth or more."""
+        return self.ours <= 0.8 * self.theirs
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the error is larger by a fifth or more."""
+        return self.ours >= 1.2 * self.theirs
+
+
+def states_of(study: Study) -> tuple[Signal, ...]:
+    """The n states."""
+    return study.scenario.vehicle.states
+
+
+def sensors_in_words(study: Study, sensors: tuple[str, ...]) -> str:
+    """Return what a suite is called: all sensors, gps alone, gps + range."""
+    if set(sensors) == set(study.scenario.sensor_names):
+        return "all sensors" if len(sensors) > 1 else sensors[0]
+    return f"{sensors[0]} alone" if len(sensors) == 1 else " + ".join(sensors)
+
+
+def numerical_zero(eigenvalues: np.ndarray) -> float:
+    """Return n eps lambda_max: what an eigenvalue (n,) must exceed to differ from 0 in double precision."""
+    return float(len(eigenvalues) * np.finfo(float).eps * max(eigenvalues[-1], 0.0))
+
+
+def cleaned(quality: Quality) -> np.ndarray:
+    """Eigenvalues (n,), those that cannot be told from 0 set to 0."""
+    values = quality.eigenvalues
+    return np.where(values <= numerical_zero(values), 0.0, values)
+
+
+def value_of(study: Study, quality: Quality) -> float:
+    """Return the criterion, 0 for a smallest eigenvalue that is round-off."""
+    return float(cleaned(quality)[0]) if judged_by_eigenvalue(study) else quality.value
+
+
+def judged_by_eigenvalue(study: Study) -> bool:
+    """Whether the criterion of the design is the smallest eigenvalue."""
+    return study.scenario.design.criterion == "min_eigenvalue"
+
+
+def cap_for(study: Study, sensors: tuple[str, ...]) -> Cap | None:
+    """Return the upper bound on the criterion of every path for a suite, where there is one."""
+    return study.designs[study.suites.index(sensors)].cap
+
+
+def outside_share(study: Study, quality: Quality, cap: Cap) -> float:
+    """Return how much of the weakest direction (its squares) lies in states outside the block of the cap."""
+    inside = [study.scenario.state_names.index(name) for name in cap.states]
+    return float(1 - np.sum(quality.weakest[inside] ** 2))
+
+
+def segment_shares(study: Study) -> np.ndarray:
+    """v' W_k v / lambda_min (K,): what each segment of the designed path adds in its weakest direction v, all sensors on."""
+    candidate = study.candidate(DESIGNED)
+    v = candidate.qualities[0].weakest
+    blocks = study.designs[0].problem.scaled(candidate.information.by_segment(study.scenario.segments))
+    gathered = np.einsum("i,ksij,j->k", v, blocks, v)
+    return gathered / gathered.sum()
+
+
+def position_covariances(study: Study) -> np.ndarray:
+    """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
+    scenario, path = study.scenario, study.candidate(DESIGNED).path
+    psd = np.array([scenario.process_noise.get(name, 0.0) for name in scenario.state_names]) ** 2
+    active = active_steps(scenario.system, path, study.selection.schedule)
+    J = posterior_information(scenario.system, path, prior_of(scenario), psd, active=active)
+    place = study.designs[0].problem.position
+    return np.linalg.inv(J)[np.ix_(range(len(J)), place, place)]
+
+
+def hidden_under(study: Study, check: Check) -> tuple[str, ...]:
+    """Names of the states that the samples of a schedule along a path do not determine, without prior."""
+    blocks = study.candidate(check.path).information.by_segment(len(check.chosen))
+    std = standard_deviations(information_of(blocks, check.chosen))
+    return tuple(name for name, deviation in zip(study.scenario.state_names, std, strict=True) if np.isinf(deviation))
+
+
+def sensors_on(study: Study, chosen: np.ndarray) -> dict[str, float]:
+    """Seconds for which a schedule (K, S) has each sensor on, longest first, those never on left out."""
+    seconds = study.scenario.time.duration / len(chosen) * chosen.sum(axis=0)
+    order = np.argsort(-seconds, kind="stable")
+    return {study.scenario.sensor_names[i]: float(seconds[i]) for i in order if seconds[i] > 0}
+
+
+def final_changes(study: Study) -> tuple[Change, ...]:
+    """Compare the final RMSE per state on the designed path, chosen schedule, with the baseline's: straight, naive."""
+    ours, theirs = study.check(DESIGNED, CHOSEN).validation.rmse[-1], baseline(study).validation.rmse[-1]
+    return tuple(Change(signal, float(a), float(b)) for signal, a, b in zip(states_of(study), ours, theirs, strict=True))
+
+
+def baseline(study: Study) -> Check:
+    """The filter runs on the straight path with the naive schedule."""
+    return next(check for check in study.checks if check.path == STRAIGHT and check.schedule != CHOSEN)
+
+
+def settled_after(study: Study) -> float:
+    """Time [s] after which consistency is judged."""
+    return SETTLED * study.scenario.time.duration
+
+
+def peak(check: Check) -> tuple[float, float]:
+    """Return (highest NEES, when [s])."""
+    worst = int(np.argmax(check.validation.nees))
+    return float(check.validation.nees[worst]), float(check.validation.t[worst])
+
+
+def incomplete(study: Study, sensors: tuple[str, ...]) -> tuple[Analysis, ...]:
+    """The manoeuvres in which a suite does not see the whole state."""
+    return tuple(each for each in study.analyses if set(each.sensors) == set(sensors) and not each.verdict.observable)
+
+
+def violations(study: Study, candidate: Candidate) -> tuple[str, ...]:
+    """Say which constraints a path breaks."""
+    return tuple(_broken(study, candidate))
+
+
+def _broken(study: Study, candidate: Candidate) -> Iterator[str]:
+    x, y = (candidate.path.x[:, i] for i in study.designs[0].problem.position)
+    for constraint in study.scenario.design.constraints:
+        if _least_margin(study, constraint, x, y) >= -FEASIBILITY:
+            continue
+        match constraint:
+            case Goal(point=point, tolerance=tolerance):
+                miss = float(np.hypot(x[-1] - point[0], y[-1] - point[1]) - tolerance)
+                yield f"ends {miss:.3g} m outside the goal"
+            case _:
+                yield f"breaks {type(constraint).__name__}"
+
+
+def _least_margin(study: Study, constraint: AbstractConstraint, x: np.ndarray, y: np.ndarray) -> float:
+    landmarks = study.scenario.system.model.landmarks
+    margins = [*constraint.at_nodes(x, y, landmarks), *constraint.at_end(x[-1], y[-1])]
+    return min((float(np.min(margin)) for margin in margins), default=0.0)

@@ -1,0 +1,99 @@
+"""What all figures share: size, type, colours, and how a drawing becomes an inline SVG that is the same every time."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+WIDTH = 4.8  # inches: 10 pt text stays 10 px on a phone that is 400 px wide
+BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"  # Okabe and Ito
+INK, QUIET, FAINT = "#222222", "#767676", "#d4d4d4"
+
+# colour of each path, the same in every figure
+PATH_COLOURS = {"straight": VERMILLION, "weave": QUIET, "designed": BLUE}
+OTHER_PATHS = (GREEN, PURPLE, ORANGE)
+
+_STYLE = {
+    "svg.hashsalt": "obsdesign",
+    "svg.fonttype": "path",  # text as outlines: the widths that were laid out are the widths that are shown
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "axes.labelsize": 10.0,
+    "axes.titlesize": 10.0,
+    "axes.titlelocation": "left",
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "legend.fontsize": 9.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "legend.columnspacing": 1.2,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": QUIET,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.unicode_minus": True,
+    "lines.linewidth": 1.5,
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+    "hatch.linewidth": 0.6,
+}
+_NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
+
+
+def inline_svg(name: str, description: str, height: float, paint: Callable[[Figure], None], width: float = WIDTH) -> str:
+    """Return what `paint` draws as an <svg> element that scales with its container.
+
+    name: prefix of all ids, unique on the page; description: what a screen reader says; height, width [inches].
+    """
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        figure = Figure(figsize=(width, height), layout="constrained")
+        paint(figure)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
+    return _embedded(buffer.getvalue(), name, description)
+
+
+def path_colour(name: str, names: tuple[str, ...]) -> str:
+    """Return the colour of a path among all paths of a study."""
+    others = [other for other in names if other not in PATH_COLOURS]
+    return PATH_COLOURS[name] if name in PATH_COLOURS else OTHER_PATHS[others.index(name) % len(OTHER_PATHS)]
+
+
+def light_grid(axes: Axes, which: str = "both") -> None:
+    """Draw faint grid lines behind everything."""
+    axes.set_axisbelow(True)
+    axes.grid(visible=True, axis=which, color=FAINT, linewidth=0.6)  # pyright: ignore[reportArgumentType]
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int = 2) -> None:
+    """Put the legend of `axes` below everything, where it covers nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def _embedded(document: str, name: str, description: str) -> str:
+    """Return the <svg> element alone: no prologue, no namespaces (HTML implies them), ids of its own, no fixed size."""
+    svg = document[document.index("<svg") :].strip()
+    head, body = svg.split(">", 1)
+    view = re.search(r'viewBox="[^"]*"', head)
+    if view is None:
+        raise ValueError("the drawing has no viewBox")
+    body = re.sub(r'(\sid=")', rf"\g<1>{name}-", body)
+    body = re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', body)
+    body = body.replace("url(#", f"url(#{name}-")
+    body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
+    return f'<svg {view[0]} role="img" aria-label="{_attribute(description)}">{body}'
+
+
+def _attribute(text: str) -> str:
+    return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")

@@ -1,0 +1,185 @@
+"""The map: where the paths go, what stands there, where information comes from and how well the position is known."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Ellipse
+
+from obsdesign.constraints.goal import Goal
+from obsdesign.constraints.keep_out import KeepOut
+from obsdesign.constraints.stand_off import StandOff
+from obsdesign.report.facts import DESIGNED, STRAIGHT, position_covariances, segment_shares
+from obsdesign.report.figures._drawing import GREEN, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
+from obsdesign.report.rounding import NARROW, plain, rounded
+from obsdesign.study import Study
+
+SIGMAS = 2.0  # half axes of the ellipses
+_ELLIPSES = 12
+_DASHES = ("-", "--", ":", "-.")
+
+
+def path_figure(study: Study) -> str:
+    """Draw the designed path over the map, coloured by the information of each segment; "" for a vehicle without x and y."""
+    if not {"x", "y"} <= set(study.scenario.state_names):
+        return ""
+    low, high = _view(study)
+    ratio = (high - low)[1] / (high - low)[0]
+    height = float(np.clip(0.8 * WIDTH * ratio, 1.6, 5.6)) + 1.5
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        _draw_map(study, axes)
+        _draw_baselines(study, axes)
+        _draw_ellipses(study, axes)
+        _draw_path(study, figure, axes)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        _draw_arrows(study, axes, low, high)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+    return inline_svg("path", "Map of the designed path, its baselines, beacons and limits", height, paint)
+
+
+def ellipse_factor(study: Study) -> int:
+    """Return by how much the ellipses are enlarged: the largest of 1, 2, 5, 10, ... that leaves them about 4 % of the map."""
+    low, high = _view(study)
+    typical = float(np.median(_half_axes(study)))
+    factors = [digit * 10**power for power in range(6) for digit in (1, 2, 5)]
+    return max([factor for factor in factors if factor * typical <= 0.04 * float(np.max(high - low))], default=1)
+
+
+def leaves_the_map(study: Study) -> bool:
+    """Whether the straight path goes on beyond the frame."""
+    low, high = _view(study)
+    place = _positions(study, STRAIGHT)
+    return bool(np.any((place < low) | (place > high)))
+
+
+def _positions(study: Study, name: str) -> np.ndarray:
+    return study.candidate(name).path.x[:, list(study.designs[0].problem.position)]
+
+
+def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,) of the frame [m]: all paths but the straight one, landmarks, goals and circles, and a margin."""
+    points = [_positions(study, candidate.name) for candidate in study.candidates if candidate.name != STRAIGHT]
+    points += [np.array([centre]) + side * radius for centre, radius, _ in _circles(study) for side in (-1, 1)]
+    points += [np.array([point]) for point in study.scenario.system.model.landmarks]
+    low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+    margin = 0.06 * float(np.max(high - low))
+    return low - margin, high + margin
+
+
+def _circles(study: Study) -> list[tuple[tuple[float, float], float, str]]:
+    """(centre, radius [m], kind) of every circle that the constraints draw."""
+    found: list[tuple[tuple[float, float], float, str]] = []
+    for constraint in study.scenario.design.constraints:
+        match constraint:
+            case Goal(point=point, tolerance=radius):
+                found.append((point, radius, "goal"))
+            case KeepOut(centre=centre, radius=radius):
+                found.append((centre, radius, "keep out"))
+            case StandOff(distance=distance):
+                found += [(point, distance, "stand-off") for point in study.scenario.system.model.landmarks]
+    return found
+
+
+def _draw_map(study: Study, axes: Axes) -> None:
+    light_grid(axes)
+    looks = {
+        "goal": {"facecolor": "#009E7330", "edgecolor": GREEN},
+        "keep out": {"facecolor": "#D55E0030", "edgecolor": VERMILLION, "hatch": "///"},
+        "stand-off": {"facecolor": "#00000010", "edgecolor": QUIET, "linestyle": "--"},
+    }
+    drawn: set[str] = set()
+    for centre, radius, kind in _circles(study):
+        text = "_" if kind in drawn else f"{kind}, {plain(radius)}{NARROW}m"
+        axes.add_patch(Circle(centre, radius, label=text, zorder=1, **looks[kind]))
+        drawn.add(kind)
+    landmarks = np.array(study.scenario.system.model.landmarks).reshape(-1, 2)
+    if len(landmarks):
+        axes.plot(*landmarks.T, linestyle="none", marker="^", markersize=8, color=INK, label="beacon", zorder=4)
+
+
+def _draw_baselines(study: Study, axes: Axes) -> None:
+    names = [candidate.name for candidate in study.candidates if candidate.name != DESIGNED]
+    for i, name in enumerate(names):
+        text = "straight, leaves the map" if name == STRAIGHT and leaves_the_map(study) else name
+        axes.plot(*_positions(study, name).T, color="#999999", linewidth=1.1, linestyle=_DASHES[i % len(_DASHES)], label=text, zorder=2)
+
+
+def _draw_path(study: Study, figure: Figure, axes: Axes) -> None:
+    place, shares = _positions(study, DESIGNED), 100 * segment_shares(study)
+    steps = (len(place) - 1) // len(shares)
+    # each segment up to and including the first node of the next, so that the line has no gaps
+    lines = LineCollection(
+        [place[k * steps : (k + 1) * steps + 1] for k in range(len(shares))],
+        array=shares,
+        cmap=_information_colours(),
+        linewidths=4,
+        capstyle="round",
+        zorder=3,
+    )
+    lines.set_clim(0, float(shares.max()))
+    axes.add_collection(lines)
+    axes.plot(*place[0], linestyle="none", marker="o", markersize=7, markerfacecolor="white", markeredgecolor=INK, label="start", zorder=5)
+    what = f"information gathered per {plain(study.scenario.time.segment)}{NARROW}s [% of all]"
+    figure.colorbar(lines, ax=axes, orientation="horizontal", location="top", label=what, aspect=40, shrink=0.9, pad=0.02)
+
+
+def _information_colours() -> LinearSegmentedColormap:
+    """Viridis from yellow-green (little) to violet (much): dark is much, on screen and on paper."""
+    import matplotlib as mpl
+
+    return LinearSegmentedColormap.from_list("information", mpl.colormaps["viridis"](np.linspace(0.92, 0.0, 256)))
+
+
+def _half_axes(study: Study) -> np.ndarray:
+    """Larger half axis [m] of the ellipse at the end of each drawn segment."""
+    return SIGMAS * np.sqrt(np.linalg.eigvalsh(position_covariances(study)[_instants(study)])[:, -1])
+
+
+def _instants(study: Study) -> np.ndarray:
+    """Steps at which an ellipse is drawn: ends of segments, about a dozen."""
+    steps, segments = study.scenario.steps, study.scenario.segments
+    every = -(-segments // _ELLIPSES)
+    return np.arange(every, segments + 1, every) * (steps // segments)
+
+
+def _draw_ellipses(study: Study, axes: Axes) -> None:
+    factor, place, covariances = ellipse_factor(study), _positions(study, DESIGNED), position_covariances(study)
+    text = f"position, {plain(SIGMAS)}σ, drawn {factor} times"
+    for count, k in enumerate(_instants(study)):
+        variances, vectors = np.linalg.eigh(covariances[k])
+        width, height = 2 * SIGMAS * factor * np.sqrt(variances)
+        angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+        look = {"facecolor": "#E69F0040", "edgecolor": "#8a5f00", "linewidth": 0.9, "zorder": 2.5}
+        axes.add_patch(Ellipse(tuple(place[k]), width, height, angle=angle, label="_" if count else text, **look))
+
+
+def _draw_arrows(study: Study, axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
+    start, size = study.scenario.start, float(np.max(high - low))
+    style = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    if "heading" in start:
+        tip = _positions(study, DESIGNED)[0] + 0.11 * size * np.array([np.cos(start["heading"]), np.sin(start["heading"])])
+        axes.annotate("", xy=tuple(tip), xytext=tuple(_positions(study, DESIGNED)[0]), arrowprops=style, zorder=6)
+    if {"wind_x", "wind_y"} <= start.keys() and (speed := float(np.hypot(start["wind_x"], start["wind_y"]))) > 0:
+        centre = _free_corner(study, low, high)
+        half = 0.05 * size * np.array([start["wind_x"], start["wind_y"]]) / speed
+        axes.annotate("", xy=tuple(centre + half), xytext=tuple(centre - half), arrowprops={**style, "color": "#0072B2"}, zorder=6)
+        text = f"wind\n{rounded(speed)}{NARROW}m/s"
+        axes.annotate(text, xy=tuple(centre - [0, 0.06 * size]), ha="center", va="top", fontsize=9, color="#0072B2", zorder=6)
+
+
+def _free_corner(study: Study, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The point near a corner of the frame that is farthest from everything drawn."""
+    size = high - low
+    taken = np.vstack(
+        [_positions(study, candidate.name) for candidate in study.candidates] + [np.array([centre]) for centre, _, _ in _circles(study)]
+    )
+    corners = [low + size * [across, up] for across in (0.12, 0.88) for up in (0.24, 0.9)]
+    return max(corners, key=lambda corner: float(np.min(np.hypot(*(taken - corner).T))))
+
+

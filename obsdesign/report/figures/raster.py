@@ -1,0 +1,35 @@
+"""The schedule: which sensor is on when."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from obsdesign.report.figures._drawing import BLUE, inline_svg
+from obsdesign.report.rounding import percent, rounded
+from obsdesign.study import Study
+
+
+def raster_figure(study: Study) -> str:
+    """Draw the chosen schedule: one row per sensor, one column per segment, filled where the sensor is on."""
+    sensors = len(study.scenario.sensors)
+
+    def paint(figure: Figure) -> None:
+        _draw_raster(study, figure.add_subplot())
+
+    return inline_svg("raster", "Which sensor is on in which segment of the designed path", 1.15 + 0.36 * sensors, paint)
+
+
+def _draw_raster(study: Study, axes: Axes) -> None:
+    schedule, names, length = study.selection.schedule, study.scenario.sensor_names, study.scenario.time.segment
+    starts = length * np.arange(len(schedule.chosen))
+    for row in range(len(names)):
+        on = schedule.chosen[:, row]
+        axes.barh(np.full(len(starts), row), length, left=starts, height=0.72, color="#f2f2f2", edgecolor="white", linewidth=0.8)
+        axes.barh(np.full(on.sum(), row), length, left=starts[on], height=0.72, color=BLUE, edgecolor="white", linewidth=0.8)
+    axes.set_yticks(range(len(names)), names)
+    axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(0, length * len(starts)), xlabel="time [s]")
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    axes.set_title(rf"$\lambda_{{min}}$ {rounded(schedule.value)}, bound {rounded(schedule.bound)}, gap {percent(schedule.gap)}")

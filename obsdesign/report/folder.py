@@ -1,0 +1,45 @@
+"""Writing a study's results: all files or none."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+
+from obsdesign.errors import InputError
+from obsdesign.exchange.schedule_csv import schedule_csv
+from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.page import page_of
+from obsdesign.report.result import Result, result_of
+from obsdesign.study import Study
+
+
+def write_report(folder: str | Path, study: Study) -> Result:
+    """Write report.html, result.json, trajectory.csv and schedule.csv of a study; return what result.json holds.
+
+    Everything is written under temporary names in the folder and renamed at the end.
+    Raises InputError for a folder that cannot be written.
+    """
+    folder = Path(folder)
+    result = result_of(study)
+    contents = {
+        "report.html": page_of(study),
+        "result.json": as_json(result),
+        "trajectory.csv": trajectory_csv(study.scenario.system, study.candidate("designed").path),
+        "schedule.csv": schedule_csv(study.selection.schedule.chosen, study.scenario.sensor_names, study.scenario.time.segment),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".partial-", dir=folder) as partial:
+            for name, content in contents.items():
+                (Path(partial) / name).write_text(content, encoding="utf-8")
+            for name in contents:
+                (Path(partial) / name).replace(folder / name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    return result
+
+
+def as_json(result: Result) -> str:
+    """Return the document as text: numbers at full precision, the same order every time."""
+    return json.dumps(result.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,273 @@
+"""The result of a study as one JSON document with a published schema."""
+
+from __future__ import annotations
+
+import math
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+import obsdesign
+from obsdesign.design.problem import Design
+from obsdesign.report.expectations import Expectation, expectations
+from obsdesign.study import Analysis, Candidate, Quality, Selection, Study
+from obsdesign.validation import Validation
+
+SCHEMA_VERSION = "1.0"
+_PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
+
+
+def _finite(value: Any) -> Any:  # noqa: ANN401
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# JSON has no NaN and no infinity: both are null, and each field says what null means
+Number = Annotated[float | None, BeforeValidator(_finite)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ScenarioPart(_Part):
+    """Which scenario this is the result of."""
+
+    title: str
+    file: str = Field(description="name of the file")
+    sha256: str = Field(description="of the file's bytes")
+    states: list[str]
+    state_units: list[str]
+    sensors: list[str]
+
+
+class VerdictPart(_Part):
+    """What a suite of sensors sees in a manoeuvre, at the start state."""
+
+    dimension: int = Field(description="of the observable space")
+    states: int = Field(description="n")
+    observable: bool
+    decided: bool = Field(description="false: the precision limit was reached and nothing is claimed")
+    ranks: list[int] = Field(description="after each sweep of Lie derivatives")
+    observable_states: list[str]
+    unobservable_states: list[str]
+    hidden: str = Field(description="the hidden directions in words")
+    null_space: list[list[float]] = Field(description="orthonormal hidden directions, each a list over the states")
+    proof: str
+
+
+class QualityPart(_Part):
+    """How well a suite of sensors sees the start state along a path, without a prior."""
+
+    value: Number = Field(description="criterion of S W S, S = prior standard deviations; null: minus infinity")
+    eigenvalues: list[float] = Field(description="of S W S, ascending, no unit")
+    std: list[Number] = Field(description="Cramer-Rao standard deviation per state in its unit; null: hidden")
+
+
+class PathPart(_Part):
+    """A path and its quality for each suite of sensors."""
+
+    feasible: bool = Field(description="whether it satisfies every constraint of the design")
+    quality: dict[str, QualityPart]
+
+
+class StartPart(_Part):
+    """One start of the solver."""
+
+    name: str
+    status: str
+    value: Number = Field(description="recomputed; null: no answer")
+    iterations: int
+    residual: Number = Field(description="larger of IPOPT's primal and dual infeasibility at the last iterate")
+
+
+class CapPart(_Part):
+    """An upper bound on the value of every path."""
+
+    value: float
+    states: list[str] = Field(description="the block of S W S that no path changes")
+    reached: bool
+
+
+class DesignPart(_Part):
+    """The path designed for a suite of sensors."""
+
+    status: str
+    value: Number = Field(description="criterion of S W S, recomputed; null: no answer")
+    cap: CapPart | None
+    starts: list[StartPart]
+
+
+class SelectionPart(_Part):
+    """The sensor schedule along the designed path."""
+
+    status: str
+    chosen: list[list[int]] = Field(description="(K, S): 1 where the sensor is on in the segment")
+    value: Number = Field(description="lambda_min of S W S of the schedule")
+    bound: Number = Field(description="no schedule is better than this")
+    root_bound: Number
+    gap: Number = Field(description="1 - value / bound")
+    fractional_segments: int
+    dual: list[list[Number]] = Field(description="Z >= 0 with trace 1 that proves root_bound")
+    naive: dict[str, float] = Field(description="values of naive schedules")
+    random_best: float
+    random_median: float
+    random_count: int
+
+
+class ValidationPart(_Part):
+    """Filter runs on one path with one schedule."""
+
+    verdict: str = Field(description="consistent, overconfident or underconfident")
+    in_band: float = Field(description="share of the instants after the first quarter with run-averaged NEES in its 95 % band")
+    nees_interval: tuple[float, float]
+    nees: list[float] = Field(description="run-averaged, at every t")
+    final_rmse: dict[str, float] = Field(description="root mean square error of each state at the end, in its unit")
+    final_bound: dict[str, Number] = Field(description="posterior Cramer-Rao standard deviation there; null: hidden")
+    rmse: dict[str, list[float]]
+    bound: dict[str, list[Number]]
+    runs: int
+
+
+class Result(_Part):
+    """Everything a study found. The same scenario, seed and versions give the same bytes save for `timings`."""
+
+    schema_version: str
+    scenario: ScenarioPart
+    seed: int
+    versions: dict[str, str]
+    analyses: dict[str, dict[str, VerdictPart]] = Field(description="by manoeuvre, then by sensors joined with +")
+    designs: dict[str, DesignPart] = Field(description="by suite; all = all sensors")
+    paths: dict[str, PathPart]
+    selection: SelectionPart
+    t: list[float] = Field(description="times of the histories below [s]")
+    validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule")
+    expected: list[Expectation]
+    timings: dict[str, float] = Field(description="seconds per stage; the only part that varies from run to run")
+
+
+def result_of(study: Study) -> Result:
+    """Return the document of a study, expectations checked."""
+    draft = _result(study, [])
+    return _result(study, expectations(study.scenario.expected, draft.model_dump()))
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that may change a number."""
+    return {"obsdesign": obsdesign.__version__, "python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+
+
+def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
+    """Return the key of a suite: all, or its sensors joined with +."""
+    return "all" if set(sensors) == set(study.scenario.sensor_names) else "+".join(sensors)
+
+
+def _result(study: Study, expected: list[Expectation]) -> Result:
+    suites = [suite_key(study, suite) for suite in study.suites]
+    manoeuvres = dict.fromkeys(analysis.manoeuvre for analysis in study.analyses)
+    checks: dict[str, dict[str, ValidationPart]] = {}
+    for check in study.checks:
+        checks.setdefault(check.path, {})[check.schedule] = _validation(study, check.validation)
+    return Result(
+        schema_version=SCHEMA_VERSION,
+        scenario=_scenario(study),
+        seed=study.seed,
+        versions=versions(),
+        analyses={
+            name: {"+".join(each.sensors): _verdict(each) for each in study.analyses if each.manoeuvre == name} for name in manoeuvres
+        },
+        designs={suite: _design(design) for suite, design in zip(suites, study.designs, strict=True)},
+        paths={candidate.name: _path(study, candidate) for candidate in study.candidates},
+        selection=_selection(study.selection),
+        t=study.checks[0].validation.t.tolist(),
+        validation=checks,
+        expected=expected,
+        timings=dict(study.seconds),
+    )
+
+
+def _scenario(study: Study) -> ScenarioPart:
+    scenario = study.scenario
+    return ScenarioPart(
+        title=scenario.title,
+        file=Path(scenario.file).name,
+        sha256=scenario.digest,
+        states=list(scenario.state_names),
+        state_units=[signal.unit for signal in scenario.vehicle.states],
+        sensors=list(scenario.sensor_names),
+    )
+
+
+def _verdict(analysis: Analysis) -> VerdictPart:
+    verdict = analysis.verdict
+    return VerdictPart(
+        dimension=verdict.dimension,
+        states=len(verdict.null_space),
+        observable=verdict.observable,
+        decided=verdict.decided,
+        ranks=list(verdict.ranks),
+        observable_states=list(verdict.observable_states),
+        unobservable_states=list(verdict.unobservable_states),
+        hidden=verdict.hidden,
+        null_space=verdict.null_space.T.tolist(),
+        proof=verdict.proof,
+    )
+
+
+def _design(design: Design) -> DesignPart:
+    cap = design.cap
+    return DesignPart(
+        status=design.status.name,
+        value=design.value,
+        cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
+        starts=[
+            StartPart(name=start.name, status=start.status.name, value=start.value, iterations=start.iterations, residual=start.residual)
+            for start in design.starts
+        ],
+    )
+
+
+def _path(study: Study, candidate: Candidate) -> PathPart:
+    return PathPart(
+        feasible=candidate.feasible,
+        quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
+    )
+
+
+def _quality(quality: Quality) -> QualityPart:
+    return QualityPart(value=quality.value, eigenvalues=quality.eigenvalues.tolist(), std=quality.std.tolist())
+
+
+def _selection(selection: Selection) -> SelectionPart:
+    schedule, random = selection.schedule, selection.random_values
+    return SelectionPart(
+        status=schedule.status.name,
+        chosen=schedule.chosen.astype(int).tolist(),
+        value=schedule.value,
+        bound=schedule.bound,
+        root_bound=schedule.root_bound,
+        gap=schedule.gap,
+        fractional_segments=schedule.fractional,
+        dual=schedule.dual.tolist(),
+        naive={rival.name: rival.value for rival in selection.rivals},
+        random_best=float(random[-1]),
+        random_median=float(random[len(random) // 2]),
+        random_count=len(random),
+    )
+
+
+def _validation(study: Study, validation: Validation) -> ValidationPart:
+    names = study.scenario.state_names
+    return ValidationPart(
+        verdict=validation.verdict,
+        in_band=validation.in_band,
+        nees_interval=validation.nees_interval,
+        nees=validation.nees.tolist(),
+        final_rmse=dict(zip(names, validation.rmse[-1].tolist(), strict=True)),
+        final_bound=dict(zip(names, validation.bound[-1].tolist(), strict=True)),
+        rmse=dict(zip(names, validation.rmse.T.tolist(), strict=True)),
+        bound=dict(zip(names, validation.bound.T.tolist(), strict=True)),
+        runs=validation.runs,
+    )

@@ -1,0 +1,64 @@
+"""Numbers and units as people read them: three significant digits, thin spaces between thousands, angles in degrees."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from obsdesign.signals import Signal
+
+NARROW = "\u202f"  # narrow no-break space
+MINUS = "\u2212"
+NOTHING = "\u2013"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """Return value to `digits` significant digits; a dash for NaN, powers of ten outside 1e-4 ... 1e9."""
+    if not math.isfinite(value):
+        return NOTHING if math.isnan(value) else f"{MINUS if value < 0 else ''}∞"
+    if value == 0:
+        return "0"
+    mantissa, power = f"{value:.{digits - 1}e}".split("e")
+    exponent = int(power)
+    if not -4 <= exponent < 9:
+        return f"{mantissa} · 10{str(exponent).translate(_SUPERSCRIPT)}".replace("-", MINUS).replace(" ", NARROW)
+    return _grouped(float(f"{mantissa}e{power}"), max(digits - 1 - exponent, 0))
+
+
+def plain(value: float) -> str:
+    """Return a value that someone chose (a duration, a radius) with all its digits."""
+    whole = float(value).is_integer() and abs(value) < 1e9
+    return _grouped(value, 0) if whole else f"{value:g}".replace("-", MINUS)
+
+
+def percent(share: float) -> str:
+    """Return a share with its sign: 0.0389 as 3.89 %."""
+    return f"{rounded(100 * share)}{NARROW}%" if abs(share) >= 1e-9 else f"0{NARROW}%"
+
+
+def with_unit(value: float, signal: Signal) -> str:
+    """Return a value of a signal with the unit people read it in."""
+    factor, unit = readable(signal)
+    return f"{rounded(value * factor)}{NARROW}{unit}".rstrip(NARROW)
+
+
+def readable(signal: Signal) -> tuple[float, str]:
+    """Return (factor, unit) in which people read a signal: degrees instead of radians."""
+    return (180 / np.pi, _DEGREES[signal.unit]) if signal.unit in _DEGREES else (1.0, signal.unit)
+
+
+def label(signal: Signal) -> str:
+    """Return the name of a signal with the unit people read it in: heading [deg]."""
+    return f"{signal.name} [{readable(signal)[1] or NOTHING}]"
+
+
+def joined(parts: list[str] | tuple[str, ...], last: str = "and") -> str:
+    """Return a, b and c."""
+    return f" {last} ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
+
+
+def _grouped(value: float, decimals: int) -> str:
+    return f"{value:,.{decimals}f}".replace(",", NARROW).replace("-", MINUS)

@@ -1,0 +1,205 @@
+"""The command line: exit codes, what is written where, and that nothing is written when something is wrong."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jsonschema
+import pytest
+from conftest import ROOT, obsdesign, small_scenario
+
+WRITTEN = ["report.html", "result.json", "schedule.csv", "trajectory.csv"]
+
+
+def write(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Write the small scenario with changes."""
+    text = small_scenario()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file = folder / "scenario.toml"
+    file.write_text(text)
+    return file
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """One run of the small scenario in two processes, as JSON."""
+    folder = tmp_path_factory.mktemp("finished")
+    file = write(folder)
+    return folder, obsdesign("run", file, "--out", "out", "--jobs", "2", "--json", folder=folder)
+
+
+def test_run_writes_four_files_and_json_is_one_object_on_stdout(finished):
+    folder, done = finished
+    assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(path.name for path in (folder / "out").iterdir()) == WRITTEN
+    assert json.loads(done.stdout) == json.loads((folder / "out" / "result.json").read_text())
+
+
+def test_result_satisfies_the_published_schema(finished):
+    folder, _ = finished
+    published = json.loads((ROOT / "docs" / "result.schema.json").read_text())
+    printed = obsdesign("schema", "result", folder=folder)
+    assert json.loads(printed.stdout) == published
+    jsonschema.Draft202012Validator(published).validate(json.loads((folder / "out" / "result.json").read_text()))
+
+
+def test_the_same_seed_gives_the_same_bytes_for_any_number_of_processes(finished):
+    folder, _ = finished
+    again = obsdesign("run", "scenario.toml", "--out", "again", "--jobs", "1", "--quiet", folder=folder)
+    assert (again.returncode, again.stdout, again.stderr) == (0, "", "")
+    for name in ("trajectory.csv", "schedule.csv"):
+        assert (folder / "again" / name).read_bytes() == (folder / "out" / name).read_bytes()
+    first, second = (json.loads((folder / place / "result.json").read_text()) for place in ("out", "again"))
+    assert first.pop("timings").keys() == second.pop("timings").keys()
+    assert json.dumps(first) == json.dumps(second)
+
+
+def test_csv_files_have_units_in_the_header_and_a_row_per_node(finished):
+    folder, _ = finished
+    with (folder / "out" / "trajectory.csv").open() as table:
+        header, *rows = csv.reader(table)
+    assert header == ["t [s]", "x [m]", "y [m]", "heading [rad]", "wind_x [m/s]", "wind_y [m/s]", "turn_rate [rad/s]"]
+    assert [float(row[0]) for row in rows] == list(range(41))
+    assert all(abs(float(row[6])) <= 0.25 for row in rows[:-1])
+    assert rows[-1][6] == ""
+    with (folder / "out" / "schedule.csv").open() as table:
+        header, *rows = csv.reader(table)
+    assert header == ["segment", "from [s]", "to [s]", "gps", "magnetometer", "range", "bearing"]
+    assert all(sum(map(int, row[3:])) == 1 for row in rows)
+    assert len(rows) == 8
+
+
+def test_summary_names_units_and_what_is_good(tmp_path):
+    done = obsdesign("run", write(tmp_path), folder=tmp_path)
+    assert done.returncode == 0
+    for part in ("wind_x [m/s]", "more is better", "less is better", "heading cannot be told from wind_x, wind_y", "reports/scenario/"):
+        assert part in done.stdout
+    assert sorted(path.name for path in (tmp_path / "reports" / "scenario").iterdir()) == WRITTEN
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ([("speed = 20.0", "sped = 20.0")], "vehicle.sped"),
+        ([("sigma = 2.0", "sigma = -2.0")], "sigma is -2.0"),
+        ([("[time]", "[time")], "at line"),
+    ],
+)
+def test_bad_input_is_exit_code_2_one_message_no_traceback_nothing_written(verb, changes, named, tmp_path):
+    file = write(tmp_path, *changes)
+    done = obsdesign(verb, file, folder=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("obsdesign: ")
+    assert named in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_a_file_that_is_not_there_is_bad_input(tmp_path):
+    done = obsdesign("check", "nowhere.toml", "--json", folder=tmp_path)
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["exit_code"] == 2
+    assert "nowhere.toml: cannot be read" in done.stderr
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path):
+    file = write(tmp_path)
+    started = time.monotonic()
+    done = obsdesign("run", file, "--out", file, folder=tmp_path)
+    assert done.returncode == 2
+    assert "--out" in done.stderr
+    assert time.monotonic() - started < 2
+
+
+def test_check_says_fine(tmp_path):
+    done = obsdesign("check", write(tmp_path), folder=tmp_path)
+    assert done.returncode == 0
+    assert "fine" in done.stdout
+
+
+def test_unobservable_is_exit_code_1_with_the_direction_and_nothing_written(tmp_path):
+    text = small_scenario()
+    gps, magnetometer = (text.index(f'[[sensors]]\nkind = "{kind}"') for kind in ("gps", "magnetometer"))
+    beacon = text.index('[[sensors]]\nkind = "range"')
+    assert gps < magnetometer < beacon
+    text = (text[:gps] + text[beacon:]).replace('suites = [["gps"]]', "suites = []").replace('naive = "gps"', 'naive = "range"')
+    (tmp_path / "scenario.toml").write_text(text)
+    done = obsdesign("run", "scenario.toml", folder=tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "rotation of everything about the beacon" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_an_unreachable_goal_is_exit_code_1_and_named(tmp_path):
+    file = write(tmp_path, ("point = [600.0, 400.0]", "point = [6000.0, 400.0]"))
+    done = obsdesign("run", file, folder=tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "no feasible point" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_a_failed_solver_is_exit_code_3_with_its_status_and_no_number(tmp_path):
+    # a solver that may not take a single step has no answer
+    code = (
+        "import obsdesign.design.transcription as t, sys\n"
+        "t.ITERATIONS = 0\n"
+        "from obsdesign.cli import main\n"
+        "main(['run', 'scenario.toml', '--jobs', '1'])\n"
+    )
+    write(tmp_path)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (3, "")
+    assert "stopped at the iteration limit" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_a_missed_expectation_is_exit_code_1_and_the_report_is_written(tmp_path):
+    expected = '\n[[expected]]\nkey = "analyses.straight.gps.dimension"\nvalue = {}\nsource = "Brace and Morgansen"\n'
+    missing = '\n[[expected]]\nkey = "designs.all.valu"\nvalue = 1\nsource = "none"\n'
+    (tmp_path / "scenario.toml").write_text(small_scenario() + expected.format(4) + expected.format(5) + missing)
+    done = obsdesign("run", "scenario.toml", "--quiet", folder=tmp_path)
+    assert done.returncode == 1
+    assert "expected analyses.straight.gps.dimension = 5 within 0.0 (Brace and Morgansen): found 4" in done.stderr
+    assert "designs.all.valu = 1 within 0.0 (none): no such key" in done.stderr
+    assert done.stderr.count("expected") == 2
+    result = json.loads((tmp_path / "reports" / "scenario" / "result.json").read_text())
+    assert [each["met"] for each in result["expected"]] == [True, False, False]
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_ctrl_c_leaves_no_file_and_no_process(jobs, tmp_path):
+    write(tmp_path, ("starts = 2", "starts = 60"), ("pieces = 8", "pieces = 40"))
+    command = [sys.executable, "-m", "obsdesign", "run", "scenario.toml", "--jobs", jobs]
+    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    time.sleep(4)
+    assert process.poll() is None
+    os.killpg(process.pid, signal.SIGINT)
+    output, errors = process.communicate(timeout=20)
+    assert (process.returncode, output) == (130, "")
+    assert "interrupted: nothing was written" in errors
+    assert "Traceback" not in errors
+    assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_help_names_every_verb_and_exit_code(tmp_path):
+    done = obsdesign("--help", folder=tmp_path)
+    assert done.returncode == 0
+    for part in ("run", "check", "schema", "exit codes"):
+        assert part in done.stdout
+
+
+def test_wrong_options_are_exit_code_2(tmp_path):
+    done = obsdesign("run", write(tmp_path), "--jobs", "0", folder=tmp_path)
+    assert done.returncode == 2
+    assert "whole number of at least 1" in done.stderr
