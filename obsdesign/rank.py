@@ -8,7 +8,6 @@ Source: ALGORITHMS 1.7; F. Johansson, "Arb: efficient arbitrary-precision midpoi
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -28,8 +27,8 @@ Scalar = TypeVar("Scalar")
 Rows = list[list[arb]]
 
 
-class UnsupportedOperationError(InputError):
-    """An expression contains an operation that has no counterpart in ball arithmetic."""
+class NotExactError(InputError):
+    """An operation or a constant of an expression has no exact counterpart."""
 
 
 class NoValueError(InputError):
@@ -53,16 +52,12 @@ class Instruction(NamedTuple):
     value: float
 
 
-class AbstractRing(ABC, Generic[Scalar]):
-    """Scalars that a graph can be evaluated over."""
+@dataclass(frozen=True)
+class Ring(Generic[Scalar]):
+    """Scalars that a graph can be evaluated over: what a constant stands for, what an operation (a code ca.OP_...) does."""
 
-    @abstractmethod
-    def constant(self, value: float) -> Scalar:
-        """Return the scalar that a constant of the graph stands for."""
-
-    @abstractmethod
-    def apply(self, operation: int, operands: Sequence[Scalar]) -> Scalar:
-        """Return the operation (a code ca.OP_...) of one or two scalars."""
+    constant: Callable[[float], Scalar]
+    operation: Callable[[int, Sequence[Scalar]], Scalar]
 
 
 def instructions(function: ca.Function) -> tuple[Instruction, ...]:
@@ -75,7 +70,7 @@ def instructions(function: ca.Function) -> tuple[Instruction, ...]:
     return tuple(steps)
 
 
-def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Scalar]], ring: AbstractRing[Scalar]) -> list[Scalar]:
+def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Scalar]], ring: Ring[Scalar]) -> list[Scalar]:
     """Return the nonzeros of the result in column-major order; arguments: the nonzeros of each input."""
     work: dict[int, Scalar] = {}
     result: dict[int, Scalar] = {}
@@ -87,7 +82,7 @@ def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Scalar]]
         elif operation == ca.OP_OUTPUT:
             result[target] = work[sources[0]]
         else:
-            work[target] = ring.apply(operation, [work[source] for source in sources])
+            work[target] = ring.operation(operation, [work[source] for source in sources])
     return [result[k] for k in range(len(result))]
 
 
@@ -153,46 +148,41 @@ _BALL_OPERATIONS: Mapping[int, Callable[..., arb]] = {
 _IRRATIONAL = {2 / math.sqrt(math.pi): lambda: 2 / arb.pi().sqrt(), math.sqrt(math.pi) / 2: lambda: arb.pi().sqrt() / 2}
 
 
-@dataclass(frozen=True)
-class BallRing(AbstractRing[arb]):
-    """Midpoint-radius numbers at the working precision `flint.ctx.prec`; constants are read as the doubles they are."""
-
-    def constant(self, value: float) -> arb:
-        return _IRRATIONAL[value]() if value in _IRRATIONAL else arb(value)
-
-    def apply(self, operation: int, operands: Sequence[arb]) -> arb:
-        _require_supported(operation)
-        return _BALL_OPERATIONS[operation](*operands)
+def _ball(value: float) -> arb:
+    if value in _IRRATIONAL:
+        return _IRRATIONAL[value]()
+    if math.isfinite(value) and (math.frexp(value)[0] * 2**45) % 1:
+        raise NotExactError(f"the constant {value!r} of an expression may have been rounded: it has more than 45 bits, see symbolise")
+    return arb(value)
 
 
 def _require_supported(operation: int) -> None:
     if operation not in _BALL_OPERATIONS:
         name = next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == operation), str(operation))
-        raise UnsupportedOperationError(f"the operation {name} cannot be evaluated in ball arithmetic: write it with others")
+        raise NotExactError(f"the operation {name} cannot be evaluated in ball arithmetic: write it with others")
+
+
+def _ball_operation(operation: int, operands: Sequence[arb]) -> arb:
+    _require_supported(operation)
+    return _BALL_OPERATIONS[operation](*operands)
+
+
+BALLS = Ring(_ball, _ball_operation)
+"""Midpoint-radius numbers at the working precision `flint.ctx.prec`; constants that may have been rounded are refused."""
 
 
 @dataclass(frozen=True, eq=False)
 class Symbolised:
-    """An expression of x (n, 1) whose constants are symbols (k, 1) with exact values: differentiating once folds nothing.
-
-    0, +-1, +-2 and +-1/2 stay numbers: their sums and products in a first derivative are exact in double precision.
-    """
+    """An expression whose constants but 0 and +-1 are symbols (k, 1) with exact values: differentiating rounds none."""
 
     expression: ca.SX
     constants: ca.SX
     values: tuple[Fraction, ...]
 
 
-@dataclass(frozen=True)
-class _SymbolRing(AbstractRing[ca.SX]):
-    symbols: Mapping[float, ca.SX]
-
-    def constant(self, value: float) -> ca.SX:
-        return self.symbols.get(value, ca.SX(value))
-
-    def apply(self, operation: int, operands: Sequence[ca.SX]) -> ca.SX:
-        _require_supported(operation)
-        return ca.SX.unary(operation, operands[0]) if len(operands) == 1 else ca.SX.binary(operation, operands[0], operands[1])
+def _symbolic_operation(operation: int, operands: Sequence[ca.SX]) -> ca.SX:
+    _require_supported(operation)
+    return ca.SX.unary(operation, operands[0]) if len(operands) == 1 else ca.SX.binary(operation, operands[0], operands[1])
 
 
 def as_rational(value: float) -> Fraction:
@@ -201,20 +191,20 @@ def as_rational(value: float) -> Fraction:
     return near if float(near) == value else Fraction(repr(float(value)))
 
 
-def symbolise(x: ca.SX, expression: ca.SX, earlier: Symbolised | None = None) -> Symbolised:
-    """Return the expression of x (n, 1), and of the constants of an earlier call, with every other constant a symbol too."""
-    known = earlier or Symbolised(x, ca.SX(0, 1), ())
-    steps = instructions(ca.Function("expression", [x, known.constants], [ca.densify(expression)]))
-    kept = {0.0, 0.5, 1.0, 2.0, *_IRRATIONAL}
+def symbolise(x: ca.SX, expression: ca.SX) -> Symbolised:
+    """Return the dense expression of x (n, 1) with a symbol for every constant.
+
+    CasADi works on constants in double precision while it differentiates: x / 3 / 49 would get the gradient 0.00680...,
+    and exact arithmetic would then prove a wrong rank.
+    """
+    steps = instructions(ca.Function("expression", [x], [ca.densify(expression)]))
+    kept = {0.0, 1.0, *_IRRATIONAL}
     numbers = sorted({step.value for step in steps if math.isfinite(step.value) and abs(step.value) not in kept})
     symbols = ca.SX.sym("constant", len(numbers))
-    ring = _SymbolRing({number: symbols[k] for k, number in enumerate(numbers)})
-    entries = evaluate(steps, [ca.vertsplit(x), ca.vertsplit(known.constants)], ring)
-    return Symbolised(
-        expression=ca.reshape(ca.vertcat(*entries), *expression.shape),
-        constants=ca.vertcat(known.constants, symbols),
-        values=known.values + tuple(as_rational(number) for number in numbers),
-    )
+    stand_in = dict(zip(numbers, ca.vertsplit(symbols), strict=True))
+    ring = Ring(lambda number: stand_in.get(number, ca.SX(number)), _symbolic_operation)
+    entries = evaluate(steps, [ca.vertsplit(x)], ring)
+    return Symbolised(ca.reshape(ca.vertcat(*entries), *expression.shape), symbols, tuple(as_rational(number) for number in numbers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,16 +230,13 @@ def rank_at(matrix: ca.Function, arguments: Sequence[Sequence[Fraction]], stages
     """Return the rank of matrix(arguments) (m, n), doubling the precision until it is decided or the limit reached.
 
     stages: a number per row; pivots come from rows of a lower stage as long as these have any.
-    Raises NoValueError where a row has no finite value at any precision, UnsupportedOperationError.
+    Raises NoValueError where a row has no finite value at any precision, NotExactError.
     """
     steps, shape = instructions(matrix), matrix.sparsity_out(0)
     rank, failed = None, []
     for bits in PRECISIONS:
         with flint.ctx.workprec(bits):
-            balls = [[arb(fmpq(value.numerator, value.denominator)) for value in argument] for argument in arguments]
-            rows = [[arb(0)] * shape.size2() for _ in range(shape.size1())]
-            for entry, i, j in zip(evaluate(steps, balls, BallRing()), shape.row(), shape.get_col(), strict=True):
-                rows[i][j] = entry
+            rows = _rows(shape, steps, arguments)
             failed = [i for i, row in enumerate(rows) if not all(entry.is_finite() for entry in row)]
             rank = None if failed else _eliminate(rows, shape.size2(), stages or [0] * len(rows))
         if rank and rank.decided:
@@ -257,6 +244,15 @@ def rank_at(matrix: ca.Function, arguments: Sequence[Sequence[Fraction]], stages
     if rank is None:
         raise NoValueError(failed[0], f"row {failed[0]} of the matrix")
     return rank
+
+
+def _rows(shape: ca.Sparsity, steps: Sequence[Instruction], arguments: Sequence[Sequence[Fraction]]) -> Rows:
+    """Return the matrix at the working precision."""
+    balls = [[arb(fmpq(value.numerator, value.denominator)) for value in argument] for argument in arguments]
+    rows = [[arb(0)] * shape.size2() for _ in range(shape.size1())]
+    for entry, i, j in zip(evaluate(steps, balls, BALLS), shape.row(), shape.get_col(), strict=True):
+        rows[i][j] = entry
+    return rows
 
 
 def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:

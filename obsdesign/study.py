@@ -197,7 +197,7 @@ def select(scenario: Scenario, design: Design, seed: int) -> Selection:
     random = np.random.default_rng([seed, 1])
     values = [schedule_value(blocks, at_random(K, S, m, random)) for _ in range(RANDOM_SCHEDULES)]
     return Selection(
-        schedule=select_sensors(blocks, m),
+        schedule=select_sensors(blocks, m, seed=seed),
         rivals=tuple(Rival(name, chosen, schedule_value(blocks, chosen)) for name, chosen in rivals),
         random_values=np.sort(values),
     )

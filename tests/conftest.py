@@ -14,11 +14,10 @@ AEROSONDE = ROOT / "scenarios" / "aerosonde_wind.toml"
 
 _SMALLER = {
     "duration = 120.0": "duration = 40.0",
-    "step = 0.5": "step = 1.0",
     "pieces = 24": "pieces = 8",
     "starts = 8": "starts = 2",
     "point = [1400.0, 800.0]": "point = [600.0, 400.0]",
-    "beacon = [200.0, 1300.0]": "beacon = [100.0, 500.0]",
+    "beacon = [-1000.0, 1700.0]": "beacon = [100.0, 500.0]",
     "runs = 200": "runs = 20",
 }
 

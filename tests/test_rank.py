@@ -1,6 +1,5 @@
 """The rank engine: every operation against CasADi's doubles, ranks against exact rational arithmetic, and refusals."""
 
-import math
 from fractions import Fraction
 
 import casadi as ca
@@ -12,7 +11,7 @@ from hypothesis import strategies as st
 
 from obsdesign import rank as engine
 from obsdesign.errors import InputError
-from obsdesign.rank import BallRing, NoValueError, UnsupportedOperationError, as_rational, evaluate, instructions, rank_at, symbolise
+from obsdesign.rank import BALLS, NotExactError, NoValueError, as_rational, evaluate, instructions, rank_at, symbolise
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")
 
@@ -81,7 +80,7 @@ def codes(expression):
 def balls(expression, point, bits=256):
     function = ca.Function("f", [X, Y], [ca.densify(expression)])
     with flint.ctx.workprec(bits):
-        return evaluate(instructions(function), [[flint.arb(value)] for value in point], BallRing())
+        return evaluate(instructions(function), [[flint.arb(value)] for value in point], BALLS)
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
@@ -144,7 +143,7 @@ OUTSIDE = {
 def test_outside_the_domain_is_a_named_error_with_its_row(case):
     expression, point = OUTSIDE[case]
     matrix = ca.Function("f", [X, Y], [ca.densify(ca.vertcat(X + Y, expression, Y))])
-    with pytest.raises(NoValueError, match="row 1 .*no finite smooth value") as caught:
+    with pytest.raises(NoValueError, match=r"row 1 .*no finite smooth value") as caught:
         rank_at(matrix, [[Fraction(value)] for value in point])
     assert caught.value.row == 1
     assert isinstance(caught.value, InputError)
@@ -157,9 +156,9 @@ def test_branch_that_is_not_taken_may_lie_outside_the_domain():
 def test_unsupported_operation_is_named():
     call = ca.Function("inner", [X], [ca.sin(X)], {"never_inline": True})
     matrix = ca.Function("f", [X, Y], [call(X) * Y])
-    with pytest.raises(UnsupportedOperationError, match="OP_CALL"):
+    with pytest.raises(NotExactError, match="OP_CALL"):
         rank_at(matrix, [[Fraction(1)], [Fraction(2)]])
-    with pytest.raises(UnsupportedOperationError, match="OP_CALL"):
+    with pytest.raises(NotExactError, match="OP_CALL"):
         symbolise(X, call(X) / 3)
 
 
@@ -232,7 +231,7 @@ def test_nearly_singular_is_not_singular():
 
 
 def test_a_row_that_vanishes_by_an_identity_is_not_blown_up():
-    zero = ca.sin(X) ** 2 + ca.cos(X) ** 2 - 1
+    zero = ca.cosh(X) ** 2 - ca.sinh(X) ** 2 - 1
     matrix = ca.Function("f", [X, Y], [ca.vertcat(ca.horzcat(X, Y), ca.horzcat(zero, 1e6 * zero))])
     found = rank_at(matrix, [[Fraction(3, 7)], [Fraction(2)]])
     assert (found.rank, found.decided, found.bits) == (1, True, 256)
@@ -241,7 +240,7 @@ def test_a_row_that_vanishes_by_an_identity_is_not_blown_up():
 def test_pivots_come_from_lower_stages_first():
     entries = [[1000, 0, 0], [0, 0, 0], [1, 1, 0], [0, 50, 70]]
     assert set(rank_of(entries, stages=[2, 0, 0, 1]).rows) == {0, 2, 3}
-    assert rank_of(entries[:3] + [[0, 50, 0]], stages=[2, 0, 0, 1]).rows == (2, 3)
+    assert rank_of([*entries[:3], [0, 50, 0]], stages=[2, 0, 0, 1]).rows == (2, 3)
 
 
 def test_precision_is_doubled_until_it_suffices():
@@ -250,6 +249,13 @@ def test_precision_is_doubled_until_it_suffices():
     found = rank_at(matrix, [[Fraction(10**300)], [Fraction(0)]])
     assert (found.rank, found.decided) == (1, True)
     assert found.bits > 997
+
+
+def test_a_fat_ball_around_zero_is_not_zero():
+    # (2^120 x + y)^2 without its x^2 and x y: y^2 = 2^-80, at 256 bits lost in a ball of 2^-16
+    remainder = (2.0**120 * X + Y) ** 2 - 2.0**240 * X**2 - 2.0**121 * (X * Y)
+    found = rank_at(ca.Function("f", [X, Y], [remainder]), [[Fraction(1, 3)], [Fraction(1, 2**40)]])
+    assert (found.rank, found.decided, found.bits) == (1, True, 512)
 
 
 def test_undecided_at_the_limit_claims_the_lower_bound_only():
@@ -287,7 +293,7 @@ def test_constants_become_symbols_and_the_value_stays():
     expression = ca.vertcat(0.3 * X / 7 + 2 * Y, ca.sin(X - 0.5) / (1 / 3), X**2.5, ca.erf(Y))
     both = ca.vertcat(X, Y)
     found = symbolise(both, expression)
-    assert sorted(found.values) == sorted([Fraction(3, 10), Fraction(7), Fraction(1, 3), Fraction(5, 2)])
+    assert sorted(found.values) == sorted([Fraction(3, 10), Fraction(7), Fraction(1, 2), Fraction(1, 3), Fraction(5, 2)])
     original = ca.Function("f", [both], [expression])([0.75, 0.25])
     again = ca.Function("f", [both, found.constants], [found.expression])([0.75, 0.25], [float(value) for value in found.values])
     assert np.allclose(np.array(original), np.array(again), rtol=1e-15)
@@ -301,14 +307,12 @@ def test_differentiating_folds_no_constant():
     steps = instructions(ca.Function("f", [X, found.constants], [ca.jacobian(found.expression, X)]))
     assert {step.value for step in steps} <= {0.0, 0.5, 1.0, 2.0, -1.0}
     folded = instructions(ca.Function("f", [X], [ca.jacobian(chain, X)]))
-    assert 1 / 3 in {step.value for step in folded}  # what CasADi does otherwise
+    assert any(0 < step.value < 0.1 for step in folded)  # what CasADi does otherwise: 1 / 3 / 7 as a double
 
 
-def test_constants_of_an_earlier_call_are_carried_along():
-    first = symbolise(X, X**2 / 3)
-    second = symbolise(X, 5 * first.expression + 7, first)
-    assert second.values == (Fraction(3), Fraction(5), Fraction(7))
-    matrix = ca.Function("f", [X, second.constants], [second.expression])
-    with flint.ctx.workprec(256):
-        arguments = [[flint.arb(2)], [flint.arb(int(value)) for value in second.values]]
-        assert (evaluate(instructions(matrix), arguments, BallRing())[0] - flint.arb(flint.fmpq(41, 3))).contains(0)
+def test_a_constant_that_may_be_rounded_is_refused():
+    folded = ca.jacobian(X / 3 / 49, X)
+    with pytest.raises(NotExactError, match=r"constant 0\.0068.* may have been rounded"):
+        rank_at(ca.Function("f", [X], [folded]), [[Fraction(1)]])
+    large = ca.Function("f", [X], [X * 3.0**28])  # 45 bits
+    assert rank_at(large, [[Fraction(1)]]).rank == 1

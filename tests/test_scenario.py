@@ -50,14 +50,14 @@ BAD_INPUT = {
     "NaN sigma": ("sigma = 2.0", "sigma = nan", ["sensors[0].sigma", "nan", "finite"]),
     "infinite start": ("x = 0.0", "x = inf", ["start.x", "inf", "finite"]),
     "zero speed": ("speed = 20.0", "speed = 0.0", ["vehicle", "speed is 0.0", "above 0"]),
-    "beacon on the start": ("beacon = [200.0, 1300.0]", "beacon = [0.0, 0.0]", ["sensors[2].beacon", "[0.0, 0.0]", "start"]),
-    "beacon near the start": ("distance = 100.0", "distance = 1400.0", ["design.constraints[1]", "start"]),
+    "beacon on the start": ("beacon = [-1000.0, 1700.0]", "beacon = [0.0, 0.0]", ["sensors[2].beacon", "[0.0, 0.0]", "start"]),
+    "beacon near the start": ("distance = 100.0", "distance = 2000.0", ["design.constraints[1]", "start"]),
     "horizon shorter than a segment": ("duration = 120.0", "duration = 3.0", ["time.duration", "3 s", "5 s"]),
-    "segment no multiple of the step": ("segment = 5.0", "segment = 5.2", ["time.segment", "5.2 s", "0.5 s"]),
+    "segment no multiple of the step": ("segment = 5.0", "segment = 5.2", ["time.segment", "5.2 s", "1 s"]),
     "duration no multiple of the segment": ("duration = 120.0", "duration = 122.0", ["time.duration", "122 s", "5 s"]),
-    "sensor period no multiple of the step": ("rate = 1.0 ", "rate = 3.0 ", ["sensors[0].rate", "3 Hz", "0.333333 s", "0.5 s"]),
+    "sensor period no multiple of the step": ("rate = 1.0 ", "rate = 3.0 ", ["sensors[0].rate", "3 Hz", "0.333333 s", "1 s"]),
     "too many per segment": ("per_segment = 1", "per_segment = 5", ["selection.per_segment", "is 5", "4"]),
-    "pieces that do not fit": ("pieces = 24", "pieces = 7", ["design.path", "7", "240"]),
+    "pieces that do not fit": ("pieces = 24", "pieces = 7", ["design.path", "7", "120"]),
     "bounds upside down": ("[-0.25, 0.25]", "[0.25, -0.25]", ["design.bounds.turn_rate", "below"]),
     "prior of zero": ("heading = 0.1 ", "heading = 0.0 ", ["prior.heading", "0.0", "above 0"]),
     "negative noise": ("heading = 0.01", "heading = -0.01", ["process_noise.heading", "-0.01", "negative"]),
@@ -99,7 +99,7 @@ def test_unreadable_files_are_named(tmp_path):
 def test_a_scenario_is_what_its_file_says():
     scenario = od.load_scenario(AEROSONDE)
     assert scenario.vehicle == od.Dubins(speed=20.0, wind="constant")
-    beacon = (200.0, 1300.0)
+    beacon = (-1000.0, 1700.0)
     assert scenario.sensors == (
         od.GPS(2.0, 1.0),
         od.Magnetometer(math.radians(12), 1.0),
@@ -107,7 +107,7 @@ def test_a_scenario_is_what_its_file_says():
         od.Bearing(beacon, math.radians(5), 1.0),
     )
     assert scenario.start["heading"] == pytest.approx(math.pi / 6)
-    assert (scenario.steps, scenario.segments) == (240, 24)
+    assert (scenario.steps, scenario.segments) == (120, 24)
     assert scenario.design.bounds == {"turn_rate": (-0.25, 0.25)}
     assert scenario.design.constraints == (od.Goal((1400.0, 800.0), 100.0), od.StandOff(100.0))
 

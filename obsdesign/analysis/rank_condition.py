@@ -18,10 +18,10 @@ from obsdesign.analysis.verdict import Verdict
 from obsdesign.calculus import lie_derivative
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
-from obsdesign.rank import NoValueError, Rank, Symbolised, as_rational, rank_at, symbolise
+from obsdesign.rank import PRECISIONS, NoValueError, Rank, as_rational, rank_at, symbolise
 from obsdesign.system import AbstractSystem, Model
 
-ORDERS, NODES = 20, 4_000
+ORDERS, NODES = 12, 4_000
 """At a point: no order of Lie derivatives is begun above this, or once the graph of all words has more nodes than this."""
 NEARLY_SINGULAR = 1e-8
 """A pivot below this, relative to the scale of its row and column, is called nearly singular."""
@@ -59,7 +59,7 @@ def observability_of(model: Model, at: ArrayLike | None = None, held: Mapping[st
 
     Generically: the outputs and their Lie derivatives along the drift and every known input, of which those are kept that
     raise the rank of the gradients, until a sweep adds none. At a point this may say too little: there the rank of the
-    functions kept nearby is taken where it is as large as nearby, else that of all Lie derivatives up to `WORDS` functions.
+    functions kept nearby is taken where it is as large as nearby, else that of all Lie derivatives as far as `ORDERS` and `NODES` go.
     Source: Hermann and Krener 1977; Martinelli, IROS 2017, Algorithm 1; ALGORITHMS 1.1 and 1.7.
     """
     _require_answerable(model)
@@ -69,6 +69,7 @@ def observability_of(model: Model, at: ArrayLike | None = None, held: Mapping[st
     if at is None:
         return _verdict(model, _generic(outputs, _draws(len(model.states), seed)))
     point = _as_point(model, at)
+    outputs.require_value(point)
     outputs.rank(point)
     nearby = _generic(outputs, _draws_near(point, seed))
     return _verdict(model, _at_point(outputs, nearby, point))
@@ -78,50 +79,63 @@ def observability_of(model: Model, at: ArrayLike | None = None, held: Mapping[st
 class _Words:
     """Lie derivatives of a model's outputs: functions (k, 1), for each its output and how often it was derived.
 
-    The graph's constants are symbols (rank.symbolise), renewed with every order, so that none is ever rounded.
+    fields: (n, 1) each, those that vanish left out; constants (c, 1): symbols for the numbers in all of these, with their values.
     """
 
     x: ca.SX
     names: tuple[str, ...]
+    constants: ca.SX
+    values: Exact
     fields: tuple[ca.SX, ...]
-    functions: Symbolised
+    functions: ca.SX
     origins: tuple[str, ...]
     orders: tuple[int, ...]
 
     def rank(self, point: Exact) -> Rank:
         """Return the rank of the gradients at the point; raise NoValueError, naming the function that has none."""
-        gradients = ca.cse(ca.jacobian(self.functions.expression, self.x))
-        matrix = ca.Function("gradients", [self.x, self.functions.constants], [gradients])
+        gradients = ca.cse(ca.jacobian(self.functions, self.x))
+        labels = [
+            f"the gradient of output {origin!r}" if order == 0 else f"the gradient of Lie derivative {order} of output {origin!r}"
+            for origin, order in zip(self.origins, self.orders, strict=True)
+        ]
+        return self._rank_of(gradients, point, labels, self.orders)
+
+    def require_value(self, point: Exact) -> None:
+        """Raise NoValueError unless the words and the fields have a value at the point: then a column of them has a rank."""
+        rates = [f"the rate of {name}" for _ in self.fields for name in self.names]
+        outputs = [f"output {origin!r}" for origin in self.origins]
+        self._rank_of(ca.vertcat(self.functions, *self.fields), point, outputs + rates)
+
+    def _rank_of(self, matrix: ca.SX, point: Exact, labels: Sequence[str], stages: Sequence[int] | None = None) -> Rank:
+        function = ca.Function("matrix", [self.x, self.constants], [matrix])
         try:
-            return rank_at(matrix, (point, self.functions.values), stages=self.orders)
+            return rank_at(function, (point, self.values), stages)
         except NoValueError as error:
-            order, origin = self.orders[error.row], self.origins[error.row]
-            what = f"output {origin!r}" if order == 0 else f"Lie derivative {order} of output {origin!r}"
             where = ", ".join(f"{name} = {float(value):g}" for name, value in zip(self.names, point, strict=True))
-            raise NoValueError(error.row, f"the gradient of {what} at {where}") from None
+            raise NoValueError(error.row, f"{labels[error.row]} at {where}") from None
 
     def picked(self, rows: Sequence[int]) -> _Words:
         """Return some of the words, in the order of rows."""
         return replace(
             self,
-            functions=replace(self.functions, expression=self.functions.expression[list(rows), 0]),
+            functions=self.functions[list(rows), 0],
             origins=tuple(self.origins[i] for i in rows),
             orders=tuple(self.orders[i] for i in rows),
         )
 
     def extended(self, rows: Sequence[int]) -> _Words:
         """Return the words and the Lie derivatives of some of them along every field, without repetitions and constants."""
-        parents = self.functions.expression[list(rows), 0]
-        derived = [lie_derivative(parents, self.x, field) for field in self.fields]
-        every = symbolise(self.x, ca.cse(ca.vertcat(self.functions.expression, *derived)), self.functions)
+        derived = [lie_derivative(self.functions[list(rows), 0], self.x, field) for field in self.fields]
+        every = ca.cse(ca.vertcat(self.functions, *derived))
+        first = {every[i].element_hash(): i for i in reversed(range(every.numel()))}
+        variable = set(ca.jacobian_sparsity(every, self.x).row())
         words = replace(
             self,
             functions=every,
             origins=self.origins + tuple(self.origins[i] for _ in self.fields for i in rows),
             orders=self.orders + tuple(self.orders[i] + 1 for _ in self.fields for i in rows),
         )
-        first = {every.expression[i].element_hash(): i for i in reversed(range(len(words.orders)))}
-        return words.picked(sorted(set(first.values()) & set(ca.jacobian_sparsity(every.expression, self.x).row())))
+        return words.picked(sorted(variable & set(first.values())))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +170,10 @@ def _outputs(model: Model) -> _Words:
     return _Words(
         x=model.x,
         names=model.state_names,
+        constants=graph.constants,
+        values=graph.values,
         fields=tuple(field for field in fields if not field.is_zero()),
-        functions=replace(graph, expression=graph.expression[:q]),
+        functions=graph.expression[:q],
         origins=tuple(signal.name for signal in model.outputs),
         orders=(0,) * q,
     )
@@ -168,6 +184,7 @@ def _generic(outputs: _Words, draws: Iterator[Exact]) -> _Finding:
     failure: NoValueError | None = None
     for point in draws:
         try:
+            outputs.require_value(point)
             return _closed(outputs, point)
         except NoValueError as error:
             failure = error
@@ -207,7 +224,7 @@ def _all_words(words: _Words, goal: int, point: Exact) -> _Finding:
     rank, order = words.rank(point), 0
     while rank.rank < goal:
         last = [row for row, found in enumerate(words.orders) if found == order]
-        if not last or order == ORDERS or ca.n_nodes(words.functions.expression) > NODES:
+        if not last or order == ORDERS or ca.n_nodes(words.functions) > NODES:
             return _Finding(words, rank, point, "stalled" if last else "criterion", goal)
         words, order = words.extended(last), order + 1
         rank = words.rank(point)
@@ -253,7 +270,7 @@ def _verdict(model: Model, finding: _Finding) -> Verdict:
 
 
 def _proof(finding: _Finding, n: int) -> str:
-    rank, order = finding.rank, max(finding.words.orders)
+    rank, order = finding.rank, max(finding.words.orders, default=0)
     caution = ", nearly singular or badly scaled" * (rank.smallest_pivot < NEARLY_SINGULAR)
     pivot = f"a minor of the gradients excludes 0 in {rank.bits}-bit ball arithmetic (pivots down to {rank.smallest_pivot:.1e}{caution})"
     remainder = f"only balls around 0, up to {rank.largest_remainder:.1e}"
@@ -262,7 +279,7 @@ def _proof(finding: _Finding, n: int) -> str:
         "criterion": f"no more: another sweep of Lie derivatives adds {remainder}",
         "cap": "no more is possible: the generic rank is the same",
         "stalled": f"not decided: Lie derivatives up to order {order} add {remainder} here, but the generic rank is {finding.nearby}",
-        "precision": f"not decided: {rank.bits} bits do not tell the rest from 0",
+        "precision": f"not decided: {PRECISIONS[-1]} bits do not tell the rest from 0",
     }
     return f"at least {rank.rank} of {n}{f': {pivot}' if rank.rank else ''}; {most[finding.stopped_by]}"
 

@@ -12,6 +12,7 @@ from obsdesign.constraints.goal import Goal
 from obsdesign.design.problem import FEASIBILITY, Cap
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.record import standard_deviations
+from obsdesign.report.rounding import NARROW, rounded
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
 from obsdesign.study import Analysis, Candidate, Check, Quality, Study, prior_of
@@ -47,8 +48,8 @@ def states_of(study: Study) -> tuple[Signal, ...]:
 def sensors_in_words(study: Study, sensors: tuple[str, ...]) -> str:
     """Return what a suite is called: all sensors, gps alone, gps + range."""
     if set(sensors) == set(study.scenario.sensor_names):
-        return "all sensors" if len(sensors) > 1 else sensors[0]
-    return f"{sensors[0]} alone" if len(sensors) == 1 else " + ".join(sensors)
+        return "all sensors" if len(sensors) > 1 else "the sensor"
+    return " + ".join(sensors) + (" alone" if len(sensors) == 1 else "")
 
 
 def numerical_zero(eigenvalues: np.ndarray) -> float:
@@ -63,8 +64,11 @@ def cleaned(quality: Quality) -> np.ndarray:
 
 
 def value_of(study: Study, quality: Quality) -> float:
-    """Return the criterion, 0 for a smallest eigenvalue that is round-off."""
-    return float(cleaned(quality)[0]) if judged_by_eigenvalue(study) else quality.value
+    """Return the criterion, as if a smallest eigenvalue that is round-off were 0."""
+    smallest = float(cleaned(quality)[0])
+    if judged_by_eigenvalue(study):
+        return smallest
+    return quality.value if smallest > 0 else float("-inf")
 
 
 def judged_by_eigenvalue(study: Study) -> bool:
@@ -156,7 +160,7 @@ def _broken(study: Study, candidate: Candidate) -> Iterator[str]:
         match constraint:
             case Goal(point=point, tolerance=tolerance):
                 miss = float(np.hypot(x[-1] - point[0], y[-1] - point[1]) - tolerance)
-                yield f"ends {miss:.3g} m outside the goal"
+                yield f"misses the goal by {rounded(miss)}{NARROW}m"
             case _:
                 yield f"breaks {type(constraint).__name__}"
 

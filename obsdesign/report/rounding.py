@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 
@@ -35,8 +36,9 @@ def plain(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share with its sign: 0.0389 as 3.89 %."""
-    return f"{rounded(100 * share)}{NARROW}%" if abs(share) >= 1e-9 else f"0{NARROW}%"
+    """Return a share with its sign: 0.0389 as 3.89 %; a tiny one as below 0.001 %."""
+    tiny = 0 < abs(share) < 1e-5
+    return f"{'<' + NARROW + '0.001' if tiny else rounded(100 * share)}{NARROW}%"
 
 
 def with_unit(value: float, signal: Signal) -> str:
@@ -48,6 +50,12 @@ def with_unit(value: float, signal: Signal) -> str:
 def readable(signal: Signal) -> tuple[float, str]:
     """Return (factor, unit) in which people read a signal: degrees instead of radians."""
     return (180 / np.pi, _DEGREES[signal.unit]) if signal.unit in _DEGREES else (1.0, signal.unit)
+
+
+def polished(text: str) -> str:
+    """Return a sentence that others made, its powers of ten and minus signs set like the rest: 5.0e-01 as 0.500."""
+    text = re.sub(r"\d(?:\.\d+)?e[+-]\d+", lambda found: rounded(float(found[0])), text)
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text)
 
 
 def label(signal: Signal) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -18,7 +19,7 @@ INK, QUIET, FAINT = "#222222", "#767676", "#d4d4d4"
 PATH_COLOURS = {"straight": VERMILLION, "weave": QUIET, "designed": BLUE}
 OTHER_PATHS = (GREEN, PURPLE, ORANGE)
 
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "svg.hashsalt": "obsdesign",
     "svg.fonttype": "path",  # text as outlines: the widths that were laid out are the widths that are shown
     "font.family": "DejaVu Sans",
@@ -92,7 +93,13 @@ def _embedded(document: str, name: str, description: str) -> str:
     body = re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', body)
     body = body.replace("url(#", f"url(#{name}-")
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
+    body = re.sub(r'\sd="[^"]*"', lambda found: _shortened(found[0]), body)
     return f'<svg {view[0]} role="img" aria-label="{_attribute(description)}">{body}'
+
+
+def _shortened(outline: str) -> str:
+    """Return the points of an outline to a hundredth of a point."""
+    return re.sub(r"-?\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}", outline)
 
 
 def _attribute(text: str) -> str:

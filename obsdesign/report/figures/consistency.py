@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from obsdesign.report.facts import CHOSEN, DESIGNED, settled_after
 from obsdesign.report.figures._drawing import FAINT, INK, inline_svg, legend_below, light_grid
-from obsdesign.report.figures.errors import case_colour
+from obsdesign.report.figures.errors import case_colour, number_axis
 from obsdesign.study import Study
 
 
@@ -38,6 +37,4 @@ def _draw_nees(study: Study, axes: Axes) -> None:
     low, high = min(every.min(), first.nees_interval[0]) / 1.15, max(every.max(), first.nees_interval[1]) * 1.3
     axes.set(yscale="log", ylim=(low, high), xlim=(first.t[0], first.t[-1]), xlabel="time [s]", ylabel="run-averaged NEES [–]")
     axes.annotate("judged from here", (begin, high), xytext=(4, -2), textcoords="offset points", va="top", fontsize=9)
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    number_axis(axes, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0) if high / low < 12 else (1.0, 2.0, 5.0))

@@ -30,6 +30,7 @@ def _draw_input(study: Study, axes: Axes, which: int) -> None:
     factor, _ = readable(signal)
     names = tuple(candidate.name for candidate in study.candidates)
     light_grid(axes)
+    axes.margins(y=0.08)
     for bound in study.scenario.design.bounds[signal.name]:
         axes.axhline(bound * factor, color=INK, linewidth=1, linestyle=":")
     for candidate in study.candidates:

@@ -28,7 +28,7 @@ def path_figure(study: Study) -> str:
         return ""
     low, high = _view(study)
     ratio = (high - low)[1] / (high - low)[0]
-    height = float(np.clip(0.8 * WIDTH * ratio, 1.6, 5.6)) + 1.5
+    height = float(np.clip((WIDTH - 0.9) * ratio, 1.6, 5.4)) + 2.1
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -36,7 +36,10 @@ def path_figure(study: Study) -> str:
         _draw_baselines(study, axes)
         _draw_ellipses(study, axes)
         _draw_path(study, figure, axes)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.set_aspect("equal", adjustable="datalim")  # the frame keeps its place: where it is too long, more of the map is shown
+        axes.set_xlim(low[0], high[0], auto=True)
+        axes.set_ylim(low[1], high[1], auto=True)
         _draw_arrows(study, axes, low, high)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
@@ -45,7 +48,7 @@ def path_figure(study: Study) -> str:
 
 def ellipse_factor(study: Study) -> int:
     """Return by how much the ellipses are enlarged: the largest of 1, 2, 5, 10, ... that leaves them about 4 % of the map."""
-    low, high = _view(study)
+    low, high = _extent(study)
     typical = float(np.median(_half_axes(study)))
     factors = [digit * 10**power for power in range(6) for digit in (1, 2, 5)]
     return max([factor for factor in factors if factor * typical <= 0.04 * float(np.max(high - low))], default=1)
@@ -63,13 +66,20 @@ def _positions(study: Study, name: str) -> np.ndarray:
 
 
 def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) of the frame [m]: all paths but the straight one, landmarks, goals and circles, and a margin."""
+    """Corners (2,) of the frame [m]: everything but the straight path, with a margin."""
+    low, high = _extent(study)
+    place, reach = _positions(study, DESIGNED)[_instants(study)], ellipse_factor(study) * _half_axes(study)[:, None]
+    low, high = np.minimum(low, (place - reach).min(axis=0)), np.maximum(high, (place + reach).max(axis=0))
+    margin = 0.05 * float(np.max(high - low))
+    return low - margin, high + margin
+
+
+def _extent(study: Study) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (2,) [m] of all paths but the straight one, landmarks, goals and circles."""
     points = [_positions(study, candidate.name) for candidate in study.candidates if candidate.name != STRAIGHT]
     points += [np.array([centre]) + side * radius for centre, radius, _ in _circles(study) for side in (-1, 1)]
     points += [np.array([point]) for point in study.scenario.system.model.landmarks]
-    low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
-    margin = 0.06 * float(np.max(high - low))
-    return low - margin, high + margin
+    return np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
 
 
 def _circles(study: Study) -> list[tuple[tuple[float, float], float, str]]:
@@ -126,14 +136,16 @@ def _draw_path(study: Study, figure: Figure, axes: Axes) -> None:
     axes.add_collection(lines)
     axes.plot(*place[0], linestyle="none", marker="o", markersize=7, markerfacecolor="white", markeredgecolor=INK, label="start", zorder=5)
     what = f"information gathered per {plain(study.scenario.time.segment)}{NARROW}s [% of all]"
-    figure.colorbar(lines, ax=axes, orientation="horizontal", location="top", label=what, aspect=40, shrink=0.9, pad=0.02)
+    bar = figure.colorbar(lines, ax=axes, orientation="horizontal", location="top", label=what, aspect=40, shrink=0.9, pad=0.02)
+    if bar.solids is not None:
+        bar.solids.set(rasterized=False, edgecolor="face")  # outlines, no picture inside the picture
 
 
 def _information_colours() -> LinearSegmentedColormap:
     """Viridis from yellow-green (little) to violet (much): dark is much, on screen and on paper."""
     import matplotlib as mpl
 
-    return LinearSegmentedColormap.from_list("information", mpl.colormaps["viridis"](np.linspace(0.92, 0.0, 256)))
+    return LinearSegmentedColormap.from_list("information", mpl.colormaps["viridis"](np.linspace(0.92, 0.0, 64)), N=64)
 
 
 def _half_axes(study: Study) -> np.ndarray:
@@ -150,7 +162,7 @@ def _instants(study: Study) -> np.ndarray:
 
 def _draw_ellipses(study: Study, axes: Axes) -> None:
     factor, place, covariances = ellipse_factor(study), _positions(study, DESIGNED), position_covariances(study)
-    text = f"position, {plain(SIGMAS)}σ, drawn {factor} times"
+    text = f"position, {plain(SIGMAS)}σ" + (f", drawn {factor} times" if factor > 1 else "")
     for count, k in enumerate(_instants(study)):
         variances, vectors = np.linalg.eigh(covariances[k])
         width, height = 2 * SIGMAS * factor * np.sqrt(variances)
@@ -181,5 +193,3 @@ def _free_corner(study: Study, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     )
     corners = [low + size * [across, up] for across in (0.12, 0.88) for up in (0.24, 0.9)]
     return max(corners, key=lambda corner: float(np.min(np.hypot(*(taken - corner).T))))
-
-

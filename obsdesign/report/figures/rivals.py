@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
 from obsdesign.report.rounding import rounded
@@ -38,9 +39,11 @@ def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:
     widest = max(bound, *bars.values())
     for row, value in enumerate(bars.values()):
         inside = value > 0.3 * widest
-        look = {"color": "white", "ha": "right"} if inside else {"color": INK, "ha": "left"}
-        axes.annotate(rounded(value), (value, row), xytext=(-4 if inside else 4, 0), textcoords="offset points", va="center", fontsize=9, **look)
+        colour, side, shift = ("white", "right", -4) if inside else (INK, "left", 4)
+        place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side, "va": "center"}
+        axes.annotate(rounded(value), (value, row), color=colour, fontsize=9, **place)
     axes.set(xlim=(0, widest * 1.02), ylim=(len(bars) - 0.4, -0.6), xlabel=r"$\lambda_{min}$ of S W S [–]")
+    axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_color(FAINT)
     axes.set_title(f"no schedule lies beyond the dotted line, {rounded(bound)}", loc="right")

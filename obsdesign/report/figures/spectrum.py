@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from obsdesign.report.facts import cap_for, cleaned, judged_by_eigenvalue, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg, light_grid, path_colour
@@ -28,7 +29,8 @@ def spectrum_figure(study: Study) -> str:
 def _draw_suite(study: Study, axes: Axes, suite: int) -> None:
     names = tuple(candidate.name for candidate in study.candidates)
     everything = np.concatenate([cleaned(quality) for candidate in study.candidates for quality in candidate.qualities])
-    floor = 10.0 ** (np.floor(np.log10(everything[everything > 0].min())) - 1)
+    lowest = everything[everything > 0].min()
+    floor = 10.0 ** (np.floor(np.log10(lowest)) - 1) if (everything == 0).any() else lowest
     light_grid(axes, "y")
     for place, candidate in enumerate(study.candidates):
         _draw_spectrum(axes, place, cleaned(candidate.qualities[suite]), floor, path_colour(candidate.name, names))
@@ -36,7 +38,8 @@ def _draw_suite(study: Study, axes: Axes, suite: int) -> None:
     if cap is not None and judged_by_eigenvalue(study):
         axes.axhline(cap.value, color=INK, linewidth=1, linestyle=":", zorder=1)
         axes.text(len(names) - 0.45, cap.value, f"cap\n{rounded(cap.value)}", va="center", ha="left", fontsize=9)
-    axes.set(yscale="log", xlim=(-0.6, len(names) - 0.15), ylim=(floor / 5, everything.max() * 5))
+    axes.set(yscale="log", xlim=(-0.6, len(names) - 0.15), ylim=(floor / 30, everything.max() * 5))
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.set_xticks(range(len(names)), [name.replace(" for ", "\nfor ") for name in names])
     axes.set_title(sensors_in_words(study, study.suites[suite]), fontweight="bold")
 
@@ -46,8 +49,7 @@ def _draw_spectrum(axes: Axes, place: int, values: np.ndarray, floor: float, col
     shown = np.maximum(values, floor)
     axes.plot([place, place], [shown[0], shown[-1]], color=colour, linewidth=1, alpha=0.6)
     axes.plot(np.full(len(shown) - 1, place), shown[1:], linestyle="none", marker="o", markersize=5, color=colour)
-    hollow = {"markerfacecolor": "white"} if values[0] == 0 else {}
-    axes.plot(place, shown[0], linestyle="none", marker="o", markersize=8, color=colour, markeredgewidth=1.5, **hollow)
+    inside = "white" if values[0] == 0 else colour
+    least = {"marker": "o", "markersize": 8, "color": colour, "markerfacecolor": inside, "markeredgewidth": 1.5}
+    axes.plot(place, shown[0], linestyle="none", **least)
     axes.annotate(rounded(values[0]), (place, shown[0]), xytext=(0, -7), textcoords="offset points", ha="center", va="top", fontsize=9)
-
-

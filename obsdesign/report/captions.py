@@ -1,0 +1,103 @@
+"""What each figure means, in one sentence or two, and what the numbers are called."""
+
+from __future__ import annotations
+
+from obsdesign.report import facts
+from obsdesign.report.figures.path import SIGMAS, ellipse_factor
+from obsdesign.report.figures.rivals import rival_values
+from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
+from obsdesign.study import Study
+
+
+def on_the_map(study: Study) -> str:
+    """Say what the map's colours and ellipses mean."""
+    seconds, factor = plain(study.scenario.time.segment), ellipse_factor(study)
+    size = f"enlarged {factor} times" if factor > 1 else "to scale"
+    return (
+        f"Dark is where most is learnt about what is known least: the colour is v′Wₖv / v′Wv, the share that a {seconds}{NARROW}s "
+        "segment adds to what all sensors know in the weakest direction v of the designed path. Ellipses are "
+        f"{plain(SIGMAS)}σ of the position by the posterior Cramér-Rao bound with the chosen schedule, {size}."
+    )
+
+
+def on_the_spectrum(study: Study) -> str:
+    """Say what the eigenvalues mean and how those that are 0 are drawn."""
+    zero = any(facts.cleaned(quality)[0] == 0 for candidate in study.candidates for quality in candidate.qualities)
+    tail = " A hollow dot is 0 to double precision, drawn at the floor: a combination of states that stays hidden." if zero else ""
+    return f"The large dot of each path is what is known of the combination of states that is known least: higher is better.{tail}"
+
+
+def on_the_inputs(study: Study) -> str:
+    """Say what the input histories show."""
+    between = "between" if len(study.scenario.design.bounds) == 1 else "each between"
+    return f"What is asked of the vehicle, {between} its dotted bounds; flying straight is the constant input that is left out here."
+
+
+def on_the_raster(study: Study) -> str:
+    """Say how the raster is read."""
+    seconds = plain(study.scenario.time.segment)
+    return f"Blue is on, for {seconds}{NARROW}s each; a sensor without blue is not needed on this path when the others may be used."
+
+
+def on_the_rivals(study: Study) -> str:
+    """Say what the bars compare."""
+    best = max(list(rival_values(study).values())[1:])
+    value = study.selection.schedule.value
+    than = f"{rounded(value / best)} times as much as the best of the others" if best > 0 else "the others see nothing of one direction"
+    return f"What is known of the weakest combination of states under each schedule: the chosen one gives {than}."
+
+
+def on_the_errors(study: Study) -> str:
+    """Say what lines and shade are."""
+    runs = study.checks[0].validation.runs
+    return (
+        f"Solid: root mean square error of {runs} filter runs; dashed: the posterior Cramér-Rao bound, one standard deviation (1σ), "
+        "below which errors fall by chance only; shaded: up to 2σ of that bound on the designed path with the chosen schedule. "
+        "Good: solid on dashed, and low."
+    )
+
+
+def on_the_consistency(study: Study) -> str:
+    """Say what the band is."""
+    low, high = study.checks[0].validation.nees_interval
+    n = len(study.scenario.state_names)
+    return (
+        f"A filter that knows how well it does stays in the grey band, {rounded(low)} to {rounded(high)} about {n}, at 95{NARROW}% of the "
+        "instants; above it the filter is overconfident."
+    )
+
+
+def glossary(study: Study) -> tuple[tuple[str, str], ...]:
+    """Return (term, meaning) of everything that the page counts."""
+    scale = ", ".join(with_unit(study.scenario.prior[signal.name], signal) + f" {signal.name}" for signal in facts.states_of(study))
+    return (
+        (
+            "dimension",
+            "how many independent combinations of the states the measurements and their derivatives determine, at the start state.",
+        ),
+        ("W", "information about the start state: the sum over samples of Φ′C′R⁻¹CΦ, Φ the sensitivity of the state to the start state."),
+        (
+            "S W S, eigenvalues",
+            f"W with each state counted in units of its prior standard deviation ({scale}), so eigenvalues have no unit.",
+        ),
+        (
+            "λmin",
+            "smallest eigenvalue of S W S: information about the combination of states known least; 1 is as much as the prior knows.",
+        ),
+        (
+            "Cramér-Rao bound",
+            "smallest standard deviation that an unbiased estimate can have: in the table of paths of the start state, without prior and "
+            "gusts; for the filter of the state at that time, with both.",
+        ),
+        ("cap", "smallest eigenvalue of a block of S W S that no path changes; no path exceeds it."),
+        (
+            "bound and gap",
+            "λmin of every schedule is below the bound, which follows from one matrix by a closed formula; gap = 1 − value / bound.",
+        ),
+        ("RMSE", "root mean square error over the filter runs, each with its own gusts, noise and first estimate."),
+        (
+            "NEES",
+            "normalised estimation error squared, e′P⁻¹e, averaged over the runs: for an honest filter the number of states on average.",
+        ),
+        ("overconfident", "the filter's covariance P is smaller than its errors."),
+    )

@@ -1,0 +1,206 @@
+"""The tables of the page: every column with its unit, every table with what is good in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from obsdesign.analysis.verdict import Verdict
+from obsdesign.report import facts
+from obsdesign.report.figures.rivals import rival_values
+from obsdesign.report.rounding import MINUS, NARROW, label, plain, polished, readable, rounded
+from obsdesign.report.wording import criterion_name
+from obsdesign.signals import Signal
+from obsdesign.study import Analysis, Candidate, Check, Quality, Study
+from obsdesign.validation import CONSISTENT_SHARE
+
+Tone = Literal["", "good", "bad"]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One cell: its text, and whether it is good or bad news."""
+
+    text: str
+    tone: Tone = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """title; good: what is good in it; head: one text per column, with units; rows: the first cell of each names the row."""
+
+    title: str
+    good: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def is_words(self, column: int) -> bool:
+        """Whether a column holds words, to be set flush left: no cell of it begins with a number."""
+        return not any(row[column].text[:2].strip(MINUS + "≥" + NARROW)[:1].isdigit() for row in self.rows)
+
+
+def subsets_table(study: Study) -> Table:
+    """Dimension of the observable space for every subset of the sensors and every manoeuvre, hidden directions as notes."""
+    found = {(each.sensors, each.manoeuvre): each.verdict for each in study.analyses}
+    subsets, manoeuvres = dict.fromkeys(key[0] for key in found), dict.fromkeys(key[1] for key in found)
+    hidden = tuple(dict.fromkeys(verdict.hidden for verdict in found.values() if not verdict.observable))
+    rows = tuple((Cell(" + ".join(subset)), *(_dimension(found[subset, each], hidden) for each in manoeuvres)) for subset in subsets)
+    notes = tuple(f"{_letter(i)}{NARROW}: {polished(text)}." for i, text in enumerate(hidden))
+    n, letters = len(study.scenario.state_names), " Letters name what stays hidden." if hidden else ""
+    return Table(
+        "Dimension of the observable space",
+        f"Good is {n} of {n}: every state can be found from the measurements.{letters}",
+        ("sensors", *(f"{name} [dimensions]" for name in manoeuvres)),
+        rows,
+        notes,
+    )
+
+
+def hidden_table(study: Study, analysis: Analysis) -> Table:
+    """The hidden directions of one suite in one manoeuvre as vectors."""
+    space = analysis.verdict.null_space
+    columns = range(space.shape[1])
+    rows = tuple(
+        (Cell(signal.name), *(Cell(_component(space[i, k], signal)) for k in columns)) for i, signal in enumerate(facts.states_of(study))
+    )
+    who = facts.sensors_in_words(study, analysis.sensors)
+    return Table(
+        f"What {who} cannot see, {analysis.manoeuvre}",
+        "Good would be no direction at all. Moving the start state by any multiple of a column changes no measurement (to first order).",
+        ("state", *(f"direction {k + 1}" for k in columns)),
+        rows,
+    )
+
+
+def paths_table(study: Study) -> Table:
+    """Value, smallest eigenvalues, Cramér-Rao bounds, feasibility and cap of every path for every suite."""
+    name = criterion_name(study)
+    values = (f"{name} [–]", "second [–]") if facts.judged_by_eigenvalue(study) else (f"{name} [–]", "λmin [–]", "second [–]")
+    cap = ("below its cap [%]",) if facts.judged_by_eigenvalue(study) else ()
+    states = tuple(label(signal) for signal in facts.states_of(study))
+    rows = tuple(_path_row(study, candidate, quality) for candidate in study.candidates for quality in candidate.qualities)
+    return Table(
+        "Paths",
+        f"Good: large {name}, small standard deviations. Eigenvalues are of S W S, S the prior's standard deviations: {name} has no unit. "
+        "Standard deviations are the Cramér-Rao bound on the start state from all measurements, without prior and gusts; "
+        "hidden: no bound at all.",
+        ("path", "sensors", *values, *states, "meets the limits", *cap),
+        rows,
+    )
+
+
+def starts_table(study: Study, suite: int) -> Table:
+    """What each start of the solver came to for one suite."""
+    design, words = study.designs[suite], facts.sensors_in_words(study, study.suites[suite])
+    name = criterion_name(study)
+    rows = tuple(
+        (
+            Cell(start.name),
+            Cell(rounded(start.value), "good" if start.value >= design.value - 1e-6 * abs(design.value) else ""),
+            Cell(plain(start.iterations)),
+            Cell(start.status.value, "" if start.status.has_answer else "bad"),
+        )
+        for start in design.starts
+    )
+    return Table(
+        f"Starts of the solver, designed for {words}",
+        f"Good: large {name}, and several starts that agree on it. The best (green) is flown; each is a local optimum at best.",
+        ("start", f"{name} [–]", "iterations [–]", "status"),
+        rows,
+    )
+
+
+def schedules_table(study: Study) -> Table:
+    """lambda_min of the bound, the chosen schedule, the naive ones, and all sensors on throughout."""
+    bound = study.selection.schedule.bound
+    values = {"no schedule is above": bound} | rival_values(study)
+    total = study.designs[0].problem.scaled(study.candidate(facts.DESIGNED).information.total)
+    values["all sensors on, for comparison"] = float(np.linalg.eigvalsh(total)[0])
+    rows = tuple(
+        (Cell(name), Cell(rounded(value), "good" if name == facts.CHOSEN else ""), Cell(rounded(100 * value / bound)))
+        for name, value in values.items()
+    )
+    per_segment = study.scenario.selection.per_segment
+    return Table(
+        "Schedules on the designed path",
+        f"Good: large λmin of S W S, near the bound that no schedule with {per_segment} on at a time exceeds.",
+        ("schedule", "λmin [–]", "of the bound [%]"),
+        rows,
+    )
+
+
+def checks_table(study: Study) -> Table:
+    """Final errors, their bounds, and consistency for every path and schedule."""
+    head = ("path", "schedule", *(label(signal) for signal in facts.states_of(study)), "in the band [%]", "highest NEES [–]", "filter")
+    low, high = study.checks[0].validation.nees_interval
+    runs = study.checks[0].validation.runs
+    return Table(
+        f"Filter errors at the end, {runs} runs each",
+        "Good: a small error, close to its posterior Cramér-Rao bound (1σ, in brackets), and a consistent filter: run-averaged NEES in its "
+        f"95{NARROW}% band, {rounded(low)} to {rounded(high)}, at {plain(100 * CONSISTENT_SHARE)}{NARROW}% or more of the instants after "
+        f"{plain(facts.settled_after(study))}{NARROW}s.",
+        head,
+        tuple(_check_row(study, check) for check in study.checks),
+    )
+
+
+def _dimension(verdict: Verdict, hidden: tuple[str, ...]) -> Cell:
+    n = len(verdict.null_space)
+    text = f"{'' if verdict.decided else '≥' + NARROW}{verdict.dimension} of {n}"
+    if verdict.observable:
+        return Cell(text, "good")
+    return Cell(f"{text} ({_letter(hidden.index(verdict.hidden))})", "bad")
+
+
+def _letter(i: int) -> str:
+    return chr(ord("a") + i) if i < 26 else f"{chr(ord('a') + i // 26 - 1)}{chr(ord('a') + i % 26)}"
+
+
+def _component(value: float, signal: Signal) -> str:
+    text = rounded(value) if abs(value) > 1e-12 else "0"
+    return f"{text}{NARROW}{signal.unit}"
+
+
+def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cell, ...]:
+    values = facts.cleaned(quality)
+    shown = values[:2] if facts.judged_by_eigenvalue(study) else [quality.value, *values[:2]]
+    broken = facts.violations(study, candidate)
+    limits = Cell(f"no: {'; '.join(broken)}", "bad") if broken else Cell("yes", "good")
+    return (
+        Cell(candidate.name),
+        Cell(facts.sensors_in_words(study, quality.sensors)),
+        Cell(rounded(facts.value_of(study, quality)), "bad" if values[0] == 0 else ""),
+        *(Cell(rounded(value)) for value in shown[1:]),
+        *(_deviation(value, signal) for value, signal in zip(quality.std, facts.states_of(study), strict=True)),
+        limits,
+        *([_cap_cell(study, quality)] if facts.judged_by_eigenvalue(study) else []),
+    )
+
+
+def _deviation(value: float, signal: Signal) -> Cell:
+    return Cell("hidden", "bad") if np.isinf(value) else Cell(rounded(value * readable(signal)[0]))
+
+
+def _cap_cell(study: Study, quality: Quality) -> Cell:
+    cap = facts.cap_for(study, quality.sensors)
+    if cap is None:
+        return Cell("no cap")
+    short = 1 - facts.value_of(study, quality) / cap.value
+    return Cell("cap reached", "good") if short <= 1e-6 else Cell(rounded(100 * short))
+
+
+def _check_row(study: Study, check: Check) -> tuple[Cell, ...]:
+    validation = check.validation
+    pairs = zip(validation.rmse[-1], validation.bound[-1], facts.states_of(study), strict=True)
+    errors = (f"{rounded(rmse * readable(signal)[0])} ({rounded(bound * readable(signal)[0])})" for rmse, bound, signal in pairs)
+    return (
+        Cell(check.path),
+        Cell(check.schedule),
+        *(Cell(text) for text in errors),
+        Cell(rounded(100 * validation.in_band)),
+        Cell(rounded(facts.peak(check)[0])),
+        Cell(validation.verdict, "good" if validation.consistent else "bad"),
+    )

@@ -1,0 +1,212 @@
+"""Sentences made from numbers: the answers, and why a number is not better."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obsdesign.report import facts
+from obsdesign.report.figures.rivals import rival_values
+from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, rounded, with_unit
+from obsdesign.study import Check, Study
+
+_CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
+
+
+def criterion_name(study: Study) -> str:
+    """Return what the value of a path is called."""
+    kind = study.scenario.design.criterion
+    return _CRITERIA.get(kind, kind.replace("_", " "))
+
+
+def answer(study: Study) -> str:
+    """Answer the study's question in one sentence: the errors at the end, against flying and measuring without thinking."""
+    changes, check = facts.final_changes(study), study.check(facts.DESIGNED, facts.CHOSEN)
+    better = [change for change in changes if change.is_better]
+    seen = "Yes" if better and check.validation.consistent else "In part"
+    how = f"on the designed path, with {_schedule_in_words(study)}, a filter ends up"
+    than = f"the {facts.STRAIGHT} path with {facts.baseline(study).schedule}"
+    if not better:
+        return f"{seen}: {how} with errors no smaller than on {than}{_honesty(check)}."
+    gains = joined([f"{change.signal.name} to {with_unit(change.ours, change.signal)}" for change in better])
+    losses = joined([with_unit(change.theirs, change.signal) for change in better])
+    return f"{seen}: {how} knowing {gains} (RMSE), where {than} leaves {losses}{_price(study)}{_honesty(check)}."
+
+
+def _price(study: Study) -> str:
+    worse = [change for change in facts.final_changes(study) if change.is_worse]
+    parts = [
+        f"{change.signal.name} of {with_unit(change.ours, change.signal)} instead of {with_unit(change.theirs, change.signal)}"
+        for change in worse
+    ]
+    return f"; the price is an error in {joined(parts)} at the end" if worse else ""
+
+
+def _honesty(check: Check) -> str:
+    return "" if check.validation.consistent else f"; but the filter is {check.validation.verdict}"
+
+
+def _schedule_in_words(study: Study) -> str:
+    count, sensors = study.scenario.selection.per_segment, len(study.scenario.sensors)
+    on = facts.sensors_on(study, study.selection.schedule.chosen)
+    times = ", ".join(f"{name} {plain(seconds)}{NARROW}s" for name, seconds in on.items())
+    return f"{count} of {sensors} sensors on at a time ({times})"
+
+
+def seen(study: Study) -> str:
+    """Answer "Can it?": who sees everything, in which manoeuvre, and what the reported suites miss."""
+    n = len(study.scenario.state_names)
+    parts = []
+    for manoeuvre in dict.fromkeys(each.manoeuvre for each in study.analyses):
+        verdicts = [each.verdict for each in study.analyses if each.manoeuvre == manoeuvre]
+        parts.append(f"{sum(verdict.observable for verdict in verdicts)} of {len(verdicts)} ({manoeuvre})")
+    blind = [(suite, facts.incomplete(study, suite)) for suite in study.suites]
+    missing = [
+        f"{facts.sensors_in_words(study, suite)} misses {'' if each.verdict.decided else 'up to '}{n - each.verdict.dimension} of {n} "
+        f"dimensions, within {joined(each.verdict.unobservable_states)} ({each.manoeuvre})"
+        for suite, rest in blind
+        for each in rest
+    ]
+    yes = "No" if len(facts.incomplete(study, study.suites[0])) == len(parts) else "Yes"
+    tail = f"; {joined(missing)}" if missing else ""
+    return f"{yes}: of the combinations of sensors, {joined(parts)} see all {n} states{tail}."
+
+
+def proven(study: Study) -> str:
+    """Say how the dimensions were decided."""
+    undecided = [each for each in study.analyses if not each.verdict.decided]
+    how = "Dimensions are decided in ball arithmetic, which encloses every rounding error, not read off floating-point singular values."
+    total = len(study.analyses)
+    count = f"{len(undecided)} of {total} are undecided (marked ≥)" if undecided else f"All {total} are decided"
+    shown = (*(each for suite in study.suites for each in facts.incomplete(study, suite)), *study.analyses)[0]
+    who = f"{facts.sensors_in_words(study, shown.sensors)}, {shown.manoeuvre}"
+    return f"{how} {count}. For {who}: {polished(shown.verdict.proof)}."
+
+
+def flown(study: Study) -> str:
+    """Answer "How?": the designed path against constant inputs and the weave."""
+    ours = _value(study, facts.DESIGNED)
+    rivals = [
+        f"{_gain(study, ours, _value(study, name))} {words}"
+        for name, words in ((facts.STRAIGHT, "flying straight"), ("weave", "the best weave that meets the same limits"))
+        if any(candidate.name == name for candidate in study.candidates)
+    ]
+    status = study.designs[0].status.value
+    name = criterion_name(study)
+    return f"Fly the coloured path: with all sensors on, {name} is {rounded(ours)}, {joined(rivals)}; it is {status}, not proven global."
+
+
+def _value(study: Study, path: str) -> float:
+    return facts.value_of(study, study.candidate(path).qualities[0])
+
+
+def _gain(study: Study, ours: float, theirs: float) -> str:
+    """Compare two values of the criterion in words that suit it."""
+    if study.scenario.design.criterion == "log_det" or theirs in (0.0, float("-inf")):
+        return f"against {rounded(theirs)} for"
+    if ours < 0:
+        return f"a sum of variances {rounded(theirs / ours)} times smaller than for"
+    return f"{rounded(ours / theirs)} times that of"
+
+
+def caps(study: Study) -> tuple[str, ...]:
+    """Say for each suite how near its designed path comes to what no path can exceed, and why the others stay below."""
+    return tuple(_cap(study, i) for i in range(len(study.suites))) if facts.judged_by_eigenvalue(study) else ()
+
+
+def _cap(study: Study, i: int) -> str:
+    suite, design, cap = facts.sensors_in_words(study, study.suites[i]), study.designs[i], study.designs[i].cap
+    if cap is None:
+        return f"With {suite}: no cap is known, since every part of the information depends on the path."
+    block = ", ".join(cap.states)
+    what = f"With {suite}: the information about ({block}) is the same on every path, so no path exceeds the cap {rounded(cap.value)}"
+    found = "reaches it" if design.reaches_cap else f"stays {percent(1 - design.value / cap.value)} below it"
+    below = [candidate for candidate in study.candidates if candidate.qualities[i].value < cap.value * (1 - 1e-6)]
+    reasons = [f"{candidate.name} {percent(facts.outside_share(study, candidate.qualities[i], cap))}" for candidate in below]
+    lean = "A path stays below where its weakest direction leans on states outside that block; share outside"
+    return f"{what}; the path designed for {suite} {found}." + (f" {lean}: {', '.join(reasons)}." if below else "")
+
+
+def weave_in_words(study: Study) -> str:
+    """Describe the weave that was found, or say that there is none."""
+    weave = study.weave
+    if weave is None:
+        return "No weave meets the same limits, or the vehicle has no turn rate; so there is none to compare with."
+    degrees, side = 180 / np.pi, "left" if weave.side > 0 else "right"
+    return (
+        f"The weave turns by {rounded(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
+        f"±{rounded(weave.swing * degrees)}{NARROW}deg with a period of {rounded(weave.period)}{NARROW}s, {side} first; "
+        "course, swing, period and side are the best of a search over a grid that is refined three times."
+    )
+
+
+def chosen(study: Study) -> str:
+    """Answer "Which?": when each sensor is on, how far that is from the best, what the others reach."""
+    schedule = study.selection.schedule
+    others = joined([f"{name} reaches {rounded(value)}" for name, value in list(rival_values(study).items())[1:-2]])
+    return (
+        f"{_capital(_schedule_in_words(study))}: λmin is {rounded(schedule.value)}, at most {percent(schedule.gap)} below the best of all "
+        f"schedules ({schedule.status.value}); {others}."
+    )
+
+
+def relaxed(study: Study) -> str:
+    """Say how the schedule was found."""
+    undecided, segments = study.selection.schedule.fractional, study.scenario.segments
+    left = f"leaves {undecided} of {segments} segments undecided; these are rounded" if undecided else "decides every segment"
+    return (
+        f"The schedule comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can. "
+        "The bound follows from the relaxation's dual matrix alone, so it holds whatever the solver did."
+    )
+
+
+def held(study: Study) -> str:
+    """Answer "Does it hold?": consistency on the designed path, and what the chosen schedule is worth at the end."""
+    check = study.check(facts.DESIGNED, facts.CHOSEN)
+    validation, after = check.validation, f"{plain(facts.settled_after(study))}{NARROW}s"
+    yes = "Yes" if validation.consistent else "Not quite"
+    band = f"the run-averaged NEES lies in its 95{NARROW}% band at {percent(validation.in_band)} of the instants after {after}"
+    excess = float(np.max(validation.rmse[-1] / validation.bound[-1])) - 1
+    near = f"its final errors are at most {percent(max(excess, 0.0))} above their Cramér-Rao bounds"
+    others = [each for each in study.checks if not each.validation.consistent and each is not check]
+    rest = joined([f"{each.path} with {each.schedule}" for each in others])
+    tail = f"; not so for {rest}" if others else ""
+    return f"{yes}: on the designed path with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
+
+
+def reasons(study: Study) -> tuple[str, ...]:
+    """Say for each case why its filter is not consistent, or what its NEES does at first."""
+    found = [f"{_capital(check.path)}, {check.schedule}: {_reason(study, check)}" for check in study.checks if _reason(study, check)]
+    worse = [change.signal.name for change in facts.final_changes(study) if change.is_worse]
+    last = study.selection.schedule.chosen[-1]
+    if worse and not last.all():
+        on = joined([name for name, kept in zip(study.scenario.sensor_names, last, strict=True) if kept])
+        found.append(
+            f"The final error in {joined(worse)} is larger than on the {facts.STRAIGHT} path with {facts.baseline(study).schedule}: the "
+            "schedule is chosen for what the whole path says about the start state, not for the last instant, "
+            f"and the last segment has only {on}."
+        )
+    return tuple(found)
+
+
+def _reason(study: Study, check: Check) -> str:
+    validation, hidden = check.validation, facts.hidden_under(study, check)
+    highest, when = facts.peak(check)
+    early = when < facts.settled_after(study)
+    cause = "when the first measurements meet an estimate as far off as the prior allows" if early else "where the estimate is far off"
+    peaks = f"the NEES peaks at {rounded(highest)} at {plain(when)}{NARROW}s, {cause}"
+    if validation.verdict == "underconfident":
+        return "underconfident: the covariance is larger than the errors, so measurements weigh less than they could."
+    if validation.verdict == "overconfident" and hidden:
+        return (
+            f"overconfident, because these sensors do not see a combination of {joined(hidden)} on this path; the filter linearises about "
+            "estimates that move, and so gains information about that combination that is not there."
+        )
+    if validation.verdict == "overconfident":
+        return f"overconfident: {peaks}, and the linearisation error of that moment is not forgotten in time."
+    if early and highest > 1.5 * validation.nees_interval[1]:
+        return f"{peaks}; the linearisation error of that moment is forgotten later."
+    return ""
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,358 @@
+"""The filter against a textbook, its promise against Monte Carlo, and Monte Carlo against its own seed."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import obsdesign as od
+from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.validation import CONSISTENT_SHARE, SETTLED, _judged
+
+# ---------------------------------------------------------------- a linear system and the textbook
+
+A = np.array([[-0.3, 1.2, 0.1], [-0.9, -0.2, 0.4], [0.0, 0.1, -0.05]])
+B = np.array([[0.0], [1.0], [0.2]])
+H = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -1.0]])
+SIGMAS = np.array([0.3, 0.5])
+PSD = np.array([[0.05, 0.01, 0.0], [0.01, 0.04, -0.005], [0.0, -0.005, 0.02]])
+COVARIANCE = np.array([[2.0, 0.5, 0.1], [0.5, 1.0, -0.2], [0.1, -0.2, 0.5]])
+STEP, STEPS = 0.2, 24
+
+
+def linear_system() -> od.ControlAffineSystem:
+    x = ca.SX.sym("x", 3)
+    outputs = {"first": H[:1] @ x, "second": H[1:] @ x}
+    sigmas = dict(zip(outputs, SIGMAS, strict=True))
+    return od.ControlAffineSystem(x, ("a", "b", "c"), ca.SX(A) @ x, {"push": ca.SX(B)}, outputs=outputs, sigmas=sigmas)
+
+
+LINEAR = linear_system()
+PRIOR = od.Prior((1.0, -1.0, 0.5), covariance=COVARIANCE)
+PATH = od.simulate(LINEAR, PRIOR.mean, np.sin(np.arange(STEPS)), STEP)
+PROCESS_NOISE = PSD * STEP
+
+
+def rk4_matrices() -> tuple[np.ndarray, np.ndarray]:
+    """x+ = F x + G u of one RK4 step of a linear system: the exponential series cut after the fourth power."""
+    powers = [np.linalg.matrix_power(STEP * A, i) for i in range(5)]
+    F = sum(power / math.factorial(i) for i, power in enumerate(powers))
+    G = STEP * sum(power / math.factorial(i + 1) for i, power in enumerate(powers[:4])) @ B
+    return F, G
+
+
+def textbook(mean: np.ndarray, y: np.ndarray, active: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Kalman filter: after the update at t_k for k < N, predicted at t_N."""
+    F, G = rk4_matrices()
+    P = COVARIANCE
+    for k in range(STEPS):
+        C, R = H[active[k]], np.diag(SIGMAS[active[k]] ** 2)
+        K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+        mean = mean + K @ (y[k, active[k]] - C @ mean)
+        P = (np.eye(3) - K @ C) @ P
+        yield mean, P
+        mean = F @ mean + G @ PATH.u[k]
+        P = F @ P @ F.T + PROCESS_NOISE
+    yield mean, P
+
+
+def filtered(y: np.ndarray, active: np.ndarray, means: np.ndarray) -> list[Belief]:
+    """The package's filter for several runs at once."""
+    runs = len(means)
+    estimator = ExtendedKalmanFilter(LINEAR, STEP, PROCESS_NOISE, runs)
+    return list(estimator.run(Belief(means, np.tile(COVARIANCE, (runs, 1, 1))), PATH.u, y, active))
+
+
+@pytest.mark.parametrize("every", [True, False], ids=["all sensors", "some sensors"])
+def test_on_a_linear_system_the_filter_is_the_kalman_filter(every: bool):
+    random = np.random.default_rng(0)
+    active = np.ones((STEPS, 2), dtype=bool) if every else random.random((STEPS, 2)) < 0.4
+    y, means = random.standard_normal((STEPS, 3, 2)), random.standard_normal((3, 3))
+    beliefs = filtered(y, active, means)
+    assert len(beliefs) == STEPS + 1
+    for run in range(3):
+        for belief, (mean, P) in zip(beliefs, textbook(means[run], y[:, run], active), strict=True):
+            np.testing.assert_allclose(belief.mean[run], mean, rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(belief.covariance[run], P, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("every", [True, False], ids=["all sensors", "some sensors"])
+def test_on_a_linear_system_the_covariance_is_the_inverse_of_the_posterior_information(every: bool):
+    random = np.random.default_rng(1)
+    active = np.ones((STEPS, 2), dtype=bool) if every else random.random((STEPS, 2)) < 0.4
+    beliefs = filtered(random.standard_normal((STEPS, 1, 2)), active, np.zeros((1, 3)))
+    J = od.posterior_information(LINEAR, PATH, PRIOR, disturbance_psd=PSD, active=active)
+    np.testing.assert_allclose([belief.covariance[0] for belief in beliefs], np.linalg.inv(J), rtol=1e-9, atol=1e-9)
+
+
+def test_a_prediction_moves_the_mean_as_the_simulation_does():
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0),))
+    path = od.simulate(system, (1.0, 2.0, 0.5, 3.0, -1.0), [0.4], 0.5)
+    estimator = ExtendedKalmanFilter(system, 0.5, np.zeros((5, 5)), 1)
+    belief = estimator.predict(Belief(path.x[:1], np.eye(5)[None]), path.u[0])
+    np.testing.assert_allclose(belief.mean[0], path.x[1], rtol=1e-14)
+
+
+# ---------------------------------------------------------------- angles
+
+COMPASS = od.System(od.Unicycle(), (od.Magnetometer(0.1),))
+
+
+def turned(heading: float, reading: float) -> Belief:
+    """One compass update of a heading known to 0.1 rad."""
+    estimator = ExtendedKalmanFilter(COMPASS, 0.1, np.zeros((3, 3)), 1)
+    first = Belief(np.array([[0.0, 0.0, heading]]), np.diag([1.0, 1.0, 0.01])[None])
+    return estimator.update(first, np.array([[reading]]), np.array([True]))
+
+
+@pytest.mark.parametrize(("heading", "reading"), [(3.13, -3.13), (-3.13, 3.13), (3.13, 3.13), (0.2, 0.2 + 6 * np.pi), (9.5, -3.0)])
+def test_residuals_of_angles_wrap(heading: float, reading: float):
+    """Equal variances: the estimate moves half of the short way to the reading."""
+    short_way = math.remainder(reading - heading, 2 * np.pi)
+    belief = turned(heading, reading)
+    assert abs(short_way) < 0.2
+    assert belief.mean[0, 2] == pytest.approx(heading + short_way / 2, abs=1e-12)
+    assert belief.covariance[0, 2, 2] == pytest.approx(0.005, rel=1e-12)
+
+
+def test_a_beacon_dead_astern_does_not_throw_the_filter():
+    """The bearing is near pi: its noise crosses the cut, the errors must not."""
+    system = od.System(od.Unicycle(), (od.GPS(1.0), od.Bearing((0.0, 0.0), 0.05)))
+    path = od.simulate(system, (50.0, 0.0, 0.0), np.tile([5.0, 0.0], (20, 1)), 0.5)
+    check = od.validate(system, path, prior=od.Prior(path.x[0], std=(1.0, 1.0, 0.05)), runs=100)
+    assert check.rmse[:, 2].max() < 0.06
+    assert check.consistent
+
+
+def test_headings_a_whole_turn_apart_are_the_same_heading():
+    system = od.System(od.Unicycle(), (od.GPS(1.0), od.Magnetometer(0.1)))
+    checks = []
+    for heading in (np.pi - 0.01, -np.pi - 0.01):
+        path = od.simulate(system, (0.0, 0.0, heading), np.tile([5.0, 0.0], (20, 1)), 0.5)
+        checks.append(od.validate(system, path, prior=od.Prior(path.x[0], std=(1.0, 1.0, 0.3)), runs=40))
+    np.testing.assert_allclose(checks[0].rmse, checks[1].rmse, rtol=1e-9)
+    np.testing.assert_allclose(checks[0].nees, checks[1].nees, rtol=1e-9)
+
+
+# ---------------------------------------------------------------- Monte Carlo keeps its promises
+
+RUNS = 1000
+
+
+@pytest.fixture(scope="module")
+def linear_check() -> od.Validation:
+    return od.validate(LINEAR, PATH, prior=PRIOR, disturbance_psd=PSD, runs=RUNS, seed=3)
+
+
+def test_on_a_linear_system_the_filter_is_consistent(linear_check: od.Validation):
+    """R nees is chi-square with R n degrees of freedom at every instant: mean n, standard deviation sqrt(2 n / R)."""
+    np.testing.assert_allclose(linear_check.nees, 3.0, atol=5 * np.sqrt(2 * 3 / RUNS))
+    assert linear_check.verdict == "consistent"
+    assert linear_check.consistent
+
+
+def test_on_a_linear_system_the_error_is_the_bound(linear_check: od.Validation):
+    """R rmse^2 / bound^2 is chi-square with R degrees of freedom."""
+    ratio = np.square(linear_check.rmse / linear_check.bound)
+    assert ratio.shape == (STEPS + 1, 3)
+    np.testing.assert_allclose(ratio, 1.0, atol=5 * np.sqrt(2 / RUNS))
+
+
+def test_the_bound_is_the_posterior_standard_deviation(linear_check: od.Validation):
+    J = od.posterior_information(LINEAR, PATH, PRIOR, disturbance_psd=PSD)
+    np.testing.assert_allclose(linear_check.bound, np.sqrt(np.diagonal(np.linalg.inv(J), axis1=1, axis2=2)), rtol=1e-9)
+
+
+def test_before_the_first_update_is_worth_anything_the_error_is_the_prior():
+    """A prior far tighter than the sensors: at t_0 the errors are draws from it."""
+    tight = od.Prior(PRIOR.mean, covariance=1e-6 * COVARIANCE)
+    check = od.validate(LINEAR, PATH, prior=tight, runs=RUNS)
+    np.testing.assert_allclose(np.square(check.rmse[0] / tight.std), 1.0, atol=5 * np.sqrt(2 / RUNS) + 1e-4)
+
+
+def test_the_band_holds_95_per_cent_of_chi_square(linear_check: od.Validation):
+    low, high = linear_check.nees_interval
+    assert chi2.cdf(RUNS * low, RUNS * 3) == pytest.approx(0.025, rel=1e-9)
+    assert chi2.sf(RUNS * high, RUNS * 3) == pytest.approx(0.025, rel=1e-9)
+
+
+def test_gps_on_a_straight_line_makes_the_filter_overconfident():
+    """Heading and wind cannot be told apart there (rank 4), but linearising at changing estimates feigns information."""
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0),))
+    path = od.simulate(system, (0.0, 0.0, 0.6, 2.0, 1.0), np.zeros(40), 0.5)
+    check = od.validate(system, path, prior=od.Prior(path.x[0], std=(10.0, 10.0, 0.8, 4.0, 4.0)), runs=60)
+    assert check.verdict == "overconfident"
+    assert not check.consistent
+    assert check.in_band < 0.1
+    assert check.nees[-1] > 10 * 5
+
+
+# ---------------------------------------------------------------- the verdict, on NEES made by hand
+
+N_STATES, N_RUNS = 4, 100
+TIMES = np.linspace(10.0, 50.0, 41)
+
+
+def judged(average: np.ndarray) -> od.Validation:
+    """The verdict on run-averaged NEES (N+1,), the same in every run."""
+    nothing = np.ones((len(TIMES), N_STATES))
+    return _judged(TIMES, nothing, nothing, np.tile(average[:, None], N_RUNS), seed=0)
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "consistent"), (3.0, "overconfident"), (0.3, "underconfident")])
+def test_the_verdict_on_errors_that_are_what_the_covariance_says_or_more_or_less(factor: float, verdict: str):
+    random = np.random.default_rng(0)
+    nees = factor * random.chisquare(N_STATES, (len(TIMES), N_RUNS))
+    nothing = np.ones((len(TIMES), N_STATES))
+    check = _judged(TIMES, nothing, nothing, nees, seed=0)
+    assert check.verdict == verdict
+    np.testing.assert_allclose(check.nees, nees.mean(axis=1), rtol=1e-12)
+
+
+def test_only_what_comes_after_the_first_quarter_is_judged():
+    average = np.full(len(TIMES), float(N_STATES))
+    assert SETTLED == 0.25
+    average[:10] = 1e6  # one instant per second, forty seconds
+    assert judged(average).in_band == 1.0
+    average[-1] = 1e6
+    assert judged(average).in_band == pytest.approx(30 / 31)
+
+
+@pytest.mark.parametrize(("above", "below", "verdict"), [(10, 0, "consistent"), (11, 0, "overconfident"), (0, 11, "underconfident")])
+def test_at_least_65_per_cent_of_the_instants_must_lie_in_the_band(above: int, below: int, verdict: str):
+    """31 instants count: 21 of them are 67 per cent, 20 are 64.5."""
+    average = np.full(len(TIMES), float(N_STATES))
+    average[len(TIMES) - above :] = 10.0 * N_STATES
+    average[len(TIMES) - below :] = 0.1 * N_STATES
+    check = judged(average)
+    assert check.verdict == verdict
+    assert check.consistent == (check.in_band >= CONSISTENT_SHARE)
+    assert CONSISTENT_SHARE == 0.65
+
+
+# ---------------------------------------------------------------- the same seed, the same bytes
+
+
+class Backwards(Executor):
+    """Does the last task first."""
+
+    def map(self, function: Callable[..., object], *arguments: Iterable[object], **_: object) -> Iterator[object]:
+        tasks = list(zip(*arguments, strict=True))
+        return iter([function(*task) for task in reversed(tasks)][::-1])
+
+
+def in_bytes(check: od.Validation) -> tuple[object, ...]:
+    arrays = tuple(values.tobytes() for values in (check.t, check.rmse, check.bound, check.nees))
+    return *arrays, check.nees_interval, check.in_band, check.verdict, check.runs, check.seed
+
+
+def flown(executor: Executor | None, seed: int = 5, system: object = LINEAR) -> od.Validation:
+    """120 runs: two whole chunks and a part of one."""
+    return od.validate(system, PATH, prior=PRIOR, runs=120, seed=seed, executor=executor, disturbance_psd=PSD)
+
+
+def test_any_executor_gives_the_same_bytes():
+    alone = in_bytes(flown(None))
+    assert in_bytes(flown(None)) == alone
+    assert in_bytes(flown(Backwards())) == alone
+    with ThreadPoolExecutor(1) as threads:
+        assert in_bytes(flown(threads)) == alone
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as processes:
+        assert in_bytes(flown(processes)) == alone
+
+
+def test_another_seed_gives_other_errors_under_the_same_bound():
+    first, second = flown(None, seed=5), flown(None, seed=6)
+    assert not np.any(first.rmse == second.rmse)
+    np.testing.assert_array_equal(first.bound, second.bound)
+    assert (first.seed, second.seed) == (5, 6)
+
+
+# ---------------------------------------------------------------- schedules
+
+BEACON = (40.0, 25.0)
+FLIGHT = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0, rate=1.0), od.Range(BEACON, 1.0)))
+TURNING = od.simulate(FLIGHT, (0.0, 0.0, 0.4, 2.0, 1.0), 0.5 * np.sin(np.arange(12)), 0.5)
+FLIGHT_PRIOR = od.Prior(TURNING.x[0], std=(5.0, 5.0, 0.1, 1.0, 1.0))
+SEGMENTS = np.array([[True, False], [False, True], [True, True], [False, False]])
+
+
+def scheduled(schedule: object, system: od.System = FLIGHT) -> od.Validation:
+    return od.validate(system, TURNING, schedule, prior=FLIGHT_PRIOR, runs=20)
+
+
+def test_no_schedule_is_all_sensors_on():
+    everything = in_bytes(scheduled(None))
+    assert in_bytes(scheduled(np.ones((4, 2), dtype=bool))) == everything
+    assert in_bytes(scheduled(np.ones((1, 2), dtype=bool))) == everything
+    assert in_bytes(scheduled(SEGMENTS)) != everything
+
+
+def test_a_schedule_may_be_a_record_an_array_or_a_list():
+    blocks = od.variational_gramian(FLIGHT, TURNING).by_segment(4)
+    chosen = od.select_sensors(blocks)
+    found = in_bytes(scheduled(chosen))
+    assert in_bytes(scheduled(chosen.chosen)) == found
+    assert in_bytes(scheduled(chosen.chosen.astype(int).tolist())) == found
+    assert in_bytes(scheduled(np.repeat(chosen.chosen, 3, axis=0))) == found
+
+
+def test_a_sensor_that_is_off_says_nothing_and_one_that_is_on_speaks_at_its_rate():
+    """The bound is the posterior of the samples that are left, counted by hand: GPS every second step, three steps a segment."""
+    check = scheduled(SEGMENTS)
+    active = np.zeros((12, 2), dtype=bool)
+    active[[0, 2, 6, 8], 0] = True
+    active[3:9, 1] = True
+    every_step = od.System(FLIGHT.vehicle, (od.GPS(2.0), od.Range(BEACON, 1.0)))
+    J = od.posterior_information(every_step, TURNING, FLIGHT_PRIOR, active=active)
+    np.testing.assert_allclose(check.bound, np.sqrt(np.diagonal(np.linalg.inv(J), axis1=1, axis2=2)), rtol=1e-9)
+
+
+def test_a_sensor_never_switched_on_is_as_good_as_none():
+    only_gps = od.System(FLIGHT.vehicle, FLIGHT.sensors[:1])
+    off = scheduled(np.array([[True, False]]))
+    np.testing.assert_allclose(off.bound, scheduled(None, only_gps).bound, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(4, 3), (4, 1), (5, 2), (24, 2), (2,), (0, 2), (2, 2, 2)])
+def test_a_schedule_of_the_wrong_shape_is_refused(shape: tuple[int, ...]):
+    with pytest.raises(od.InputError, match=r"schedule has shape \(.*\): must be \(K, 2\), with K a divisor of 12 steps"):
+        scheduled(np.ones(shape, dtype=bool))
+
+
+# ---------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize("runs", [0, -3, 2.5, "many"])
+def test_runs_are_counted(runs: object):
+    with pytest.raises(od.InputError, match=rf"runs is {runs!r}: must be a whole number of at least 1"):
+        od.validate(LINEAR, PATH, prior=PRIOR, runs=runs)
+
+
+def test_a_negative_seed_is_refused():
+    with pytest.raises(od.InputError, match="seed is -1: must be a whole number of at least 0"):
+        od.validate(LINEAR, PATH, prior=PRIOR, runs=2, seed=-1)
+
+
+def test_a_prior_of_another_state_is_refused():
+    with pytest.raises(od.InputError, match="prior"):
+        od.validate(LINEAR, PATH, prior=FLIGHT_PRIOR, runs=2)
+
+
+def test_a_path_through_a_landmark_is_refused_with_sensor_and_step():
+    system = od.System(od.Dubins(1.0), (od.GPS(1.0), od.Range((3.0, 0.0), 1.0)))
+    path = od.simulate(system, np.zeros(3), np.zeros(10), 0.5)
+    with pytest.raises(od.InputError, match=r"'range' .* at step 6 "):
+        od.validate(system, path, prior=od.Prior(np.zeros(3), std=(1.0, 1.0, 0.1)), runs=2)
+
+
+def test_a_path_of_another_system_is_refused():
+    with pytest.raises(od.InputError, match="path has 3 states and 1 inputs: the system has 5"):
+        od.validate(FLIGHT, PATH, prior=FLIGHT_PRIOR, runs=2)

@@ -1,0 +1,606 @@
+"""Contracts of the families: every file of a family is tested from the moment it exists.
+
+A new kind needs one line in its family's table of examples below; without one, its tests fail and say so.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pickle
+from collections.abc import Callable, Mapping
+from types import ModuleType
+from typing import Any
+
+import casadi as ca
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import obsdesign as od
+from obsdesign import constraints, criteria, paths, sensors, vehicles
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.families import kinds, leaf
+from obsdesign.paths.abstract import AbstractPath
+from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.vehicles.abstract import AbstractVehicle
+
+few = settings(deadline=None, max_examples=10, database=None, derandomize=True)
+seeds = st.integers(0, 10**6)
+BEACON = (40.0, -25.0)
+
+# ---------------------------------------------------------------- examples, one entry per kind
+
+
+@dataclasses.dataclass(frozen=True)
+class Flight:
+    """A vehicle under constant inputs u and disturbances w, and its state after t seconds integrated by hand."""
+
+    vehicle: AbstractVehicle
+    start: tuple[float, ...]
+    u: tuple[float, ...]
+    w: tuple[float, ...]
+    state_at: Callable[[float], np.ndarray]
+
+
+def on_a_circle(speed: float, turn_rate: float, start: tuple[float, ...], wind: tuple[float, float]) -> Callable[[float], np.ndarray]:
+    """Constant speed, turn rate and wind: a circle in the moving air."""
+
+    def state_at(t: float) -> np.ndarray:
+        x, y, heading, *rest = start
+        end, radius = heading + turn_rate * t, speed / turn_rate
+        east = x + radius * (math.sin(end) - math.sin(heading)) + wind[0] * t
+        north = y - radius * (math.cos(end) - math.cos(heading)) + wind[1] * t
+        return np.array([east, north, end, *rest])
+
+    return state_at
+
+
+AT_REST, IN_WIND, WIND = (1.0, -2.0, 0.4), (1.0, -2.0, 0.4, 3.0, -1.5), (3.0, -1.5)
+VEHICLES = {
+    "dubins": [
+        Flight(od.Dubins(8.0), AT_REST, (0.5,), (), on_a_circle(8.0, 0.5, AT_REST, (0.0, 0.0))),
+        Flight(od.Dubins(8.0, wind="constant"), IN_WIND, (0.5,), (), on_a_circle(8.0, 0.5, IN_WIND, WIND)),
+        Flight(od.Dubins(8.0, wind="unknown"), AT_REST, (-0.5,), WIND, on_a_circle(8.0, -0.5, AT_REST, WIND)),
+    ],
+    "unicycle": [
+        Flight(od.Unicycle(), AT_REST, (6.0, 0.5), (), on_a_circle(6.0, 0.5, AT_REST, (0.0, 0.0))),
+        Flight(od.Unicycle(wind="constant"), IN_WIND, (-6.0, 0.5), (), on_a_circle(-6.0, 0.5, IN_WIND, WIND)),
+        Flight(od.Unicycle(wind="unknown"), AT_REST, (6.0, 0.5), WIND, on_a_circle(6.0, 0.5, AT_REST, WIND)),
+    ],
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Reading:
+    """A sensor, states to read it at, its outputs by hand, and where it must say that its landmark is."""
+
+    sensor: AbstractSensor
+    by_hand: Callable[[Mapping[str, float]], tuple[float, ...]]
+    landmark: tuple[float, float] | None = None
+    states: tuple[Mapping[str, float], ...] = tuple(
+        {"x": x, "y": y, "heading": heading} for x, y, heading in ((3.0, -1.0, 0.4), (90.0, 20.0, -2.5), (-5.0, -80.0, 7.0))
+    )
+
+
+def angle_to_beacon(state: Mapping[str, float]) -> tuple[float]:
+    return (math.atan2(BEACON[1] - state["y"], BEACON[0] - state["x"]) - state["heading"],)
+
+
+SENSORS = {
+    "bearing": [Reading(od.Bearing(BEACON, 0.1), angle_to_beacon, BEACON)],
+    "gps": [Reading(od.GPS(2.0), lambda state: (state["x"], state["y"]))],
+    "magnetometer": [Reading(od.Magnetometer(0.2), lambda state: (state["heading"],))],
+    "range": [Reading(od.Range(BEACON, 1.0), lambda state: (math.hypot(state["x"] - BEACON[0], state["y"] - BEACON[1]),), BEACON)],
+}
+
+# (path, a number of steps that suits it, one that does not)
+PATHS: dict[str, list[tuple[AbstractPath, int, int]]] = {
+    "piecewise_constant": [(od.PiecewiseConstant(1), 7, 0), (od.PiecewiseConstant(4), 12, 10), (od.PiecewiseConstant(5), 5, 12)],
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Region:
+    """A constraint with points inside it, outside it and on its edge, for nodes or for the last node of a path."""
+
+    constraint: AbstractConstraint
+    of: str  # "nodes" or "end"
+    inside: tuple[tuple[float, float], ...]
+    outside: tuple[tuple[float, float], ...]
+    edge: tuple[tuple[float, float], ...]
+    landmarks: tuple[tuple[float, float], ...] = ()
+
+
+POSTS = ((10.0, 0.0), (-10.0, 5.0))
+CONSTRAINTS = {
+    "goal": [Region(od.Goal((3.0, 4.0), 2.0), "end", ((3.0, 4.0), (4.9, 4.0)), ((5.1, 4.0), (0.0, 0.0)), ((3.0, 6.0), (1.0, 4.0)))],
+    "keep_out": [
+        Region(od.KeepOut((3.0, 4.0), 2.0), "nodes", ((5.1, 4.0), (0.0, 0.0)), ((3.0, 4.0), (3.0, 5.9)), ((3.0, 6.0), (1.0, 4.0)))
+    ],
+    "stand_off": [
+        Region(od.StandOff(3.0), "nodes", ((0.0, 0.0), (13.1, 0.0)), ((10.0, 2.9), (-10.0, 5.0)), ((10.0, 3.0), (-13.0, 5.0)), POSTS)
+    ],
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Measure:
+    """A criterion, what it is as a function of the eigenvalues, and what it is where one of them is 0."""
+
+    criterion: AbstractCriterion
+    of_eigenvalues: Callable[[np.ndarray], float]
+    singular: float
+
+
+CRITERIA = {
+    "log_det": [Measure(od.LogDet(), lambda values: float(np.log(values).sum()), -np.inf)],
+    "min_eigenvalue": [Measure(od.MinEigenvalue(), lambda values: float(values.min()), 0.0)],
+    "trace_inverse": [Measure(od.TraceInverse(), lambda values: -float((1 / values).sum()), -np.inf)],
+}
+
+FAMILIES: dict[str, tuple[ModuleType, type, Mapping[str, list[Any]], Callable[[Any], object]]] = {
+    "VEHICLES": (vehicles, AbstractVehicle, VEHICLES, lambda example: example.vehicle),
+    "SENSORS": (sensors, AbstractSensor, SENSORS, lambda example: example.sensor),
+    "PATHS": (paths, AbstractPath, PATHS, lambda example: example[0]),
+    "CONSTRAINTS": (constraints, AbstractConstraint, CONSTRAINTS, lambda example: example.constraint),
+    "CRITERIA": (criteria, AbstractCriterion, CRITERIA, lambda example: example.criterion),
+}
+MEMBERS = [(table, kind) for table, (package, *_) in FAMILIES.items() for kind in kinds(package)]
+
+
+def examples(table: str, kind: str) -> list[Any]:
+    """The examples of a kind; a failure that says where to add one where there is none."""
+    package, _, known, _ = FAMILIES[table]
+    found = known.get(kind, [])
+    if not found:
+        pytest.fail(f"{package.__name__}.{kind} has no example: add one to {table} in tests/test_families.py")
+    return found
+
+
+def each(table: str) -> pytest.MarkDecorator:
+    """Run a test for every kind of the family."""
+    return pytest.mark.parametrize("kind", kinds(FAMILIES[table][0]))
+
+
+# ---------------------------------------------------------------- every member of every family
+
+
+@pytest.mark.parametrize(("table", "kind"), MEMBERS)
+def test_a_kind_is_one_final_frozen_class_with_an_example(table: str, kind: str):
+    package, abstract, _, instance = FAMILIES[table]
+    cls = leaf(package, kind)
+    assert cls.__bases__ == (abstract,), "a leaf derives from the abstract base and from nothing else"
+    assert not cls.__subclasses__(), "leaves are final"
+    assert not getattr(cls, "__abstractmethods__", None)
+    implemented = {name for name, member in vars(abstract).items() if callable(member) and not name.startswith("__")}
+    assert not (implemented - abstract.__abstractmethods__) & set(vars(cls)), "nothing implemented is overridden"
+    assert dataclasses.is_dataclass(cls)
+    assert cls.__dataclass_params__.frozen
+    assert cls.__doc__
+    for example in examples(table, kind):
+        assert type(instance(example)) is cls
+
+
+@pytest.mark.parametrize(("table", "kind"), MEMBERS)
+def test_a_member_is_a_value(table: str, kind: str):
+    """It cannot be changed, equals its copy, may be a key, and travels between processes."""
+    for example in examples(table, kind):
+        member = FAMILIES[table][3](example)
+        copy = pickle.loads(pickle.dumps(member))
+        assert copy == member
+        assert hash(copy) == hash(member)
+        for field in dataclasses.fields(member):
+            with pytest.raises(dataclasses.FrozenInstanceError):
+                setattr(member, field.name, None)
+            assert dataclasses.replace(member, **{field.name: getattr(member, field.name)}) == member
+
+
+@pytest.mark.parametrize("table", FAMILIES)
+def test_every_example_belongs_to_a_kind(table: str):
+    package, _, known, _ = FAMILIES[table]
+    assert set(known) <= set(kinds(package)), "an example of a file that does not exist is never run"
+
+
+@pytest.mark.parametrize("values", [[500.0, 200.0], np.array([500.0, 200.0])], ids=["list", "array"])
+def test_a_point_may_be_given_as_a_list_or_an_array(values: object):
+    """The members stay hashable: they are keys of the compiled functions."""
+    made = (od.Range(values, 1.0), od.Bearing(values, 0.1), od.Goal(values, 1.0), od.KeepOut(values, 1.0))
+    meant = (od.Range((500.0, 200.0), 1.0), od.Bearing((500.0, 200.0), 0.1), od.Goal((500.0, 200.0), 1.0), od.KeepOut((500.0, 200.0), 1.0))
+    assert [hash(member) for member in made] == [hash(member) for member in meant]
+    assert made == meant
+
+
+@pytest.mark.parametrize("values", [(1.0,), (1.0, 2.0, 3.0), (np.nan, 0.0), (0.0, np.inf)])
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (lambda point: od.Range(point, 1.0), "range: beacon"),
+        (lambda point: od.Bearing(point, 0.1), "bearing: beacon"),
+        (lambda point: od.Goal(point, 1.0), "goal: point"),
+        (lambda point: od.KeepOut(point, 1.0), "keep_out: centre"),
+    ],
+    ids=["range", "bearing", "goal", "keep_out"],
+)
+def test_a_point_has_two_finite_coordinates(make: Callable[[object], object], name: str, values: tuple[float, ...]):
+    with pytest.raises(od.InputError, match=rf"^{name}.*{values[0]}"):
+        make(values)
+
+
+# ---------------------------------------------------------------- vehicles
+
+
+@each("VEHICLES")
+def test_the_fields_of_a_vehicle_are_columns_of_its_state_one_per_signal(kind: str):
+    for flight in examples("VEHICLES", kind):
+        vehicle, n = flight.vehicle, len(flight.vehicle.states)
+        x = ca.SX.sym("x", n)
+        fields = vehicle.fields(x)
+        assert (len(fields.inputs), len(fields.disturbances)) == (len(vehicle.inputs), len(vehicle.disturbances))
+        for field in (fields.drift, *fields.inputs, *fields.disturbances):
+            assert field.shape == (n, 1)
+            assert all(ca.depends_on(symbol, x) for symbol in ca.symvar(field))
+        names = [signal.name for signal in (*vehicle.states, *vehicle.inputs, *vehicle.disturbances)]
+        assert len(set(names)) == len(names)
+
+
+@each("VEHICLES")
+def test_a_vehicle_moves_as_integrated_by_hand_and_rk4_has_order_4(kind: str):
+    for flight in examples("VEHICLES", kind):
+        system, duration = od.System(flight.vehicle), 4.0
+        exact = flight.state_at(duration)
+        errors = []
+        for steps in (8, 16, 32):
+            u, w = (np.tile(values, (steps, 1)).reshape(steps, len(values)) for values in (flight.u, flight.w))
+            errors.append(np.abs(od.simulate(system, flight.start, u, duration / steps, w).x[-1] - exact).max())
+        np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.1)
+        assert errors[-1] < 1e-5
+
+
+@each("VEHICLES")
+def test_the_fields_of_a_vehicle_are_the_rate_of_the_motion_by_hand(kind: str):
+    """Drift, inputs and disturbances add up to the derivative at t = 0, and each column stands for its own input."""
+    for flight in examples("VEHICLES", kind):
+        vehicle, eps = flight.vehicle, 1e-4
+        x = ca.SX.sym("x", len(flight.start))
+        fields = vehicle.fields(x)
+        weights = (1.0, *flight.u, *flight.w)
+        rate = sum(weight * field for weight, field in zip(weights, (fields.drift, *fields.inputs, *fields.disturbances), strict=True))
+        found = ca.Function("rate", [x], [rate])(flight.start).full().ravel()
+        # central difference of the motion: eps^2 / 6 times a third derivative below 8 * 0.5^2
+        np.testing.assert_allclose(found, (flight.state_at(eps) - flight.state_at(-eps)) / (2 * eps), atol=1e-7)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
+def test_dubins_needs_a_speed(speed: float):
+    with pytest.raises(od.InputError, match=rf"speed is {speed!r}: must be a finite number above 0"):
+        od.Dubins(speed)
+
+
+@pytest.mark.parametrize("vehicle", [od.Unicycle, lambda wind: od.Dubins(1.0, wind=wind)], ids=["unicycle", "dubins"])
+def test_wind_is_none_constant_or_unknown(vehicle: Callable[..., object]):
+    with pytest.raises(od.InputError, match=r"wind is 'gusty': must be None, 'constant' .* or 'unknown'"):
+        vehicle(wind="gusty")
+
+
+# ---------------------------------------------------------------- sensors
+
+
+def measured(reading: Reading, state: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (q,) and their derivatives (q, states) as CasADi has them."""
+    symbols = {name: ca.SX.sym(name) for name in state}
+    h = ca.vertcat(*reading.sensor.measure(symbols))
+    x = ca.vertcat(*symbols.values())
+    y, C = ca.Function("h", [x], [h, ca.jacobian(h, x)])(list(state.values()))
+    return y.full().ravel(), C.full()
+
+
+@each("SENSORS")
+def test_a_sensor_reads_what_the_formula_says_as_many_outputs_as_it_names(kind: str):
+    for reading in examples("SENSORS", kind):
+        for state in reading.states:
+            y, _ = measured(reading, state)
+            assert len(y) == len(reading.sensor.outputs)
+            difference = y - reading.by_hand(state)
+            is_angle = np.array([signal.is_angle for signal in reading.sensor.outputs])
+            turns = np.where(is_angle, np.round(difference / (2 * np.pi)), 0.0)
+            np.testing.assert_allclose(difference, turns * 2 * np.pi, atol=1e-12)
+
+
+@each("SENSORS")
+def test_the_derivatives_of_a_sensor_are_its_central_differences(kind: str):
+    for reading in examples("SENSORS", kind):
+        for state in reading.states:
+            _, C = measured(reading, state)
+            for column, name in enumerate(state):
+                eps = 1e-4
+                plus, minus = (np.array(reading.by_hand({**state, name: state[name] + side * eps})) for side in (1, -1))
+                # third derivatives are below 1 at ten metres and more: eps^2 / 6; rounding 1e-14 / eps
+                np.testing.assert_allclose(C[:, column], (plus - minus) / (2 * eps), atol=1e-8)
+
+
+@each("SENSORS")
+def test_the_landmark_of_a_sensor_is_where_its_outputs_have_no_derivative(kind: str):
+    for reading in examples("SENSORS", kind):
+        assert reading.sensor.landmark == reading.landmark
+        if reading.landmark is not None:
+            x, y = reading.landmark
+            _, C = measured(reading, {**reading.states[0], "x": x, "y": y})
+            assert not np.isfinite(C).all()
+
+
+@pytest.mark.parametrize("field", ["sigma", "rate"])
+@pytest.mark.parametrize("value", [0.0, -0.5, np.nan, np.inf, "2"])
+@each("SENSORS")
+def test_a_sensor_refuses_a_bad_sigma_and_a_bad_rate_by_name_and_value(kind: str, value: object, field: str):
+    for reading in examples("SENSORS", kind):
+        with pytest.raises(od.InputError, match=rf"^{reading.sensor.name}: {field} is {value!r}: must be a finite number above 0$"):
+            dataclasses.replace(reading.sensor, **{field: value})
+
+
+@pytest.mark.parametrize("value", [np.float64(2.0), np.float32(2.0), np.int64(2), 2], ids=lambda value: type(value).__name__)
+@each("SENSORS")
+def test_a_sensor_accepts_any_real_number(kind: str, value: float):
+    for reading in examples("SENSORS", kind):
+        assert dataclasses.replace(reading.sensor, sigma=value, rate=value).sigma == 2.0
+
+
+@each("SENSORS")
+def test_a_sensor_brings_its_name_noise_rate_and_landmark_into_a_system(kind: str):
+    """And a second one of the same name is told apart."""
+    for reading in examples("SENSORS", kind):
+        sensor = dataclasses.replace(reading.sensor, rate=2.0)
+        model = od.System(od.Unicycle(), (sensor, sensor)).model
+        assert model.sensor_names == (sensor.name, f"{sensor.name}_2")
+        assert len({signal.name for signal in model.outputs}) == 2 * len(sensor.outputs)
+        for channel in model.channels:
+            assert channel.sigmas == (sensor.sigma,) * len(sensor.outputs)
+            assert (channel.rate, channel.landmark) == (2.0, sensor.landmark)
+            assert channel.h.shape == (len(sensor.outputs), 1)
+
+
+# ---------------------------------------------------------------- paths
+
+LOW, HIGH = np.array([-0.5, 2.0]), np.array([0.5, 9.0])
+
+
+def parameters(path: AbstractPath, steps: int, seed: int) -> np.ndarray:
+    """Random parameters (q, 2) within the bounds, the bounds themselves included."""
+    random = np.random.default_rng(seed)
+    share = np.clip(random.uniform(-0.2, 1.2, (path.rows(steps), 2)), 0, 1)
+    return LOW + share * (HIGH - LOW)
+
+
+@each("PATHS")
+@few
+@given(seed=seeds)
+def test_inputs_are_within_bounds_wherever_the_parameters_are(kind: str, seed: int):
+    for path, steps, _ in examples("PATHS", kind):
+        u = np.array(path.inputs(parameters(path, steps, seed), steps))
+        assert u.shape == (steps, 2)
+        assert np.all((u >= LOW - 1e-12) & (u <= HIGH + 1e-12))
+
+
+@each("PATHS")
+def test_symbolic_and_numerical_inputs_are_the_same(kind: str):
+    for path, steps, _ in examples("PATHS", kind):
+        p = parameters(path, steps, seed=1)
+        symbol = ca.SX.sym("p", *p.shape)
+        symbolic = ca.Function("inputs", [symbol], [path.inputs(symbol, steps)])(p)
+        np.testing.assert_allclose(symbolic.full(), np.array(path.inputs(p, steps)), rtol=1e-14)
+
+
+@each("PATHS")
+@few
+@given(seed=seeds)
+def test_fitting_a_familys_own_inputs_returns_the_parameters(kind: str, seed: int):
+    for path, steps, _ in examples("PATHS", kind):
+        p = parameters(path, steps, seed)
+        np.testing.assert_allclose(path.fit(np.array(path.inputs(p, steps))), p, rtol=1e-9)
+
+
+@each("PATHS")
+@few
+@given(seed=seeds)
+def test_a_fit_is_nearest_in_the_least_squares_sense(kind: str, seed: int):
+    """No other parameters nearby come closer to any u."""
+    random = np.random.default_rng(seed)
+    for path, steps, _ in examples("PATHS", kind):
+        u = random.standard_normal((steps, 2))
+        best = path.fit(u)
+        misfit = np.linalg.norm(np.array(path.inputs(best, steps)) - u)
+        for size in (1e-3, 0.1):
+            other = best + size * random.standard_normal(best.shape)
+            assert np.linalg.norm(np.array(path.inputs(other, steps)) - u) >= misfit
+
+
+@each("PATHS")
+def test_a_number_of_steps_that_does_not_suit_is_refused(kind: str):
+    for path, _, unsuitable in examples("PATHS", kind):
+        if unsuitable:
+            with pytest.raises(od.InputError, match=rf"must divide the number of steps, {unsuitable}"):
+                path.rows(unsuitable)
+
+
+@pytest.mark.parametrize("pieces", [0, -1, 2.5, "4", None, True])
+def test_pieces_are_counted(pieces: object):
+    with pytest.raises(od.InputError, match=rf"pieces is {pieces!r}: must be a whole number of at least 1"):
+        od.PiecewiseConstant(pieces)
+
+
+# ---------------------------------------------------------------- constraints
+
+
+def margins(region: Region, x: Any, y: Any) -> list[Any]:
+    if region.of == "end":
+        return region.constraint.at_end(x, y)
+    return region.constraint.at_nodes(x, y, region.landmarks)
+
+
+@each("CONSTRAINTS")
+def test_margins_have_the_right_sign_and_vanish_on_the_edge(kind: str):
+    for region in examples("CONSTRAINTS", kind):
+        for point in region.inside:
+            assert min(margins(region, *point)) > 0
+        for point in region.outside:
+            assert min(margins(region, *point)) < 0
+        for point in region.edge:
+            assert abs(min(margins(region, *point))) < 1e-12
+
+
+@each("CONSTRAINTS")
+def test_margins_are_the_same_for_floats_arrays_and_symbols(kind: str):
+    for region in examples("CONSTRAINTS", kind):
+        points = np.array([*region.inside, *region.outside, *region.edge])
+        x, y = ca.SX.sym("x", len(points)), ca.SX.sym("y", len(points))
+        symbolic = ca.Function("margins", [x, y], [ca.horzcat(*margins(region, x, y))])(points[:, 0], points[:, 1]).full()
+        at_once = np.stack(margins(region, points[:, 0], points[:, 1]), axis=1)
+        one_by_one = np.array([margins(region, *point) for point in points])
+        np.testing.assert_allclose(symbolic, one_by_one, rtol=1e-14, atol=1e-14)
+        np.testing.assert_allclose(at_once, one_by_one, rtol=1e-14, atol=1e-14)
+
+
+@each("CONSTRAINTS")
+@few
+@given(scale=st.floats(1e-3, 1e3), seed=seeds)
+def test_margins_have_no_unit(kind: str, scale: float, seed: int):
+    """Kilometres instead of metres change no margin: every length of the constraint, and the point, is scaled."""
+    for region in examples("CONSTRAINTS", kind):
+        x, y = np.random.default_rng(seed).uniform(-10, 10, 2)
+        lengths = {
+            field.name: np.multiply(getattr(region.constraint, field.name), scale) for field in dataclasses.fields(region.constraint)
+        }
+        scaled = {name: tuple(map(float, value)) if np.ndim(value) else float(value) for name, value in lengths.items()}
+        landmarks = tuple((scale * east, scale * north) for east, north in region.landmarks)
+        other = dataclasses.replace(region, constraint=dataclasses.replace(region.constraint, **scaled), landmarks=landmarks)
+        np.testing.assert_allclose(margins(other, scale * x, scale * y), margins(region, x, y), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+@each("CONSTRAINTS")
+def test_a_length_of_a_constraint_is_positive(kind: str, value: float):
+    for region in examples("CONSTRAINTS", kind):
+        for field in dataclasses.fields(region.constraint):
+            if np.ndim(getattr(region.constraint, field.name)) == 0:
+                with pytest.raises(od.InputError, match=rf"^{kind}: {field.name} is {value!r}: must be a finite number above 0$"):
+                    dataclasses.replace(region.constraint, **{field.name: value})
+
+
+# ---------------------------------------------------------------- criteria: three faces of one number
+
+
+def information(n: int, seed: int, values: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """A symmetric matrix with given or random eigenvalues, and the eigenvalues."""
+    random = np.random.default_rng(seed)
+    spectrum = 10.0 ** random.uniform(-1, 2, n) if values is None else values
+    Q = np.linalg.qr(random.standard_normal((n, n)))[0]
+    W = (Q * spectrum) @ Q.T
+    return (W + W.T) / 2, spectrum
+
+
+def lifted_optimum(criterion: AbstractCriterion, W: np.ndarray, c: float) -> float:
+    """Maximise the lift's objective for a fixed W by IPOPT from the lift's own start."""
+    unit = ca.SX.sym("c")
+    lift = criterion.lift(ca.SX(W), unit)
+    program = {"x": lift.variables, "p": unit, "f": -lift.objective / abs(criterion.value(W)), "g": lift.equalities}
+    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.sb": "yes", "ipopt.tol": 1e-10}
+    solver = ca.nlpsol("lift", "ipopt", program, options)
+    result = solver(x0=lift.start(W, c), p=c, lbx=lift.lower, lbg=0, ubg=0)
+    return -float(result["f"]) * abs(criterion.value(W))
+
+
+@each("CRITERIA")
+@few
+@given(n=st.integers(1, 6), seed=seeds)
+def test_a_criterion_is_its_function_of_the_eigenvalues(kind: str, n: int, seed: int):
+    for measure in examples("CRITERIA", kind):
+        W, values = information(n, seed)
+        assert measure.criterion.value(W) == pytest.approx(measure.of_eigenvalues(values), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+@each("CRITERIA")
+def test_the_lift_at_its_optimum_is_the_value(kind: str, n: int):
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(n, seed=n)
+        for c in (np.trace(W) / n, 1.0):
+            assert lifted_optimum(measure.criterion, W, c) == pytest.approx(measure.criterion.value(W), rel=1e-6)
+
+
+@each("CRITERIA")
+def test_the_lift_is_as_good_where_the_smallest_eigenvalues_coincide(kind: str):
+    """Where an eigenvalue has no derivative: the point of the lift."""
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(4, 7, np.array([2.0, 2.0, 2.0, 9.0]))
+        assert lifted_optimum(measure.criterion, W, np.trace(W) / 4) == pytest.approx(measure.criterion.value(W), rel=1e-6)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+@each("CRITERIA")
+@few
+@given(seed=seeds, exponent=st.floats(-3, 3))
+def test_the_start_of_the_lift_satisfies_its_equalities_and_bounds(kind: str, n: int, seed: int, exponent: float):
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(n, seed)
+        c = float(np.trace(W) / n * 10.0**exponent)
+        unit = ca.SX.sym("c")
+        lift = measure.criterion.lift(ca.SX(W), unit)
+        start = lift.start(W, c)
+        assert start.shape == lift.lower.shape == (lift.variables.numel(),)
+        assert np.all(start >= lift.lower)
+        miss = ca.Function("miss", [lift.variables, unit], [lift.equalities])(start, c).full()
+        assert np.abs(miss).max() < 1e-9 * max(1.0, np.abs(W / c).max())
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+@each("CRITERIA")
+def test_the_atom_of_a_constant_is_the_value_and_the_atom_is_concave(kind: str, n: int):
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(n, seed=n)
+        atom = measure.criterion.atom(cp.Constant(W))
+        assert float(np.asarray(atom.value).item()) == pytest.approx(measure.criterion.value(W), rel=1e-6)
+        assert measure.criterion.atom(cp.Variable((n, n), symmetric=True)).is_concave()
+
+
+@each("CRITERIA")
+def test_the_atom_at_its_optimum_is_the_value(kind: str):
+    """max atom(V) subject to V <= W is attained at V = W, because a criterion grows with the information."""
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(3, seed=3, values=np.array([1.0, 2.0, 4.0]))
+        V = cp.Variable((3, 3), symmetric=True)
+        problem = cp.Problem(cp.Maximize(measure.criterion.atom(V)), [W - V >> 0])
+        problem.solve(solver=cp.CLARABEL)
+        assert problem.value == pytest.approx(measure.criterion.value(W), rel=1e-6)
+
+
+@each("CRITERIA")
+@few
+@given(n=st.integers(1, 5), seed=seeds)
+def test_more_information_is_never_worse(kind: str, n: int, seed: int):
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(n, seed)
+        more = np.random.default_rng(seed).standard_normal((n, 2))
+        value, larger = measure.criterion.value(W), measure.criterion.value(W + more @ more.T)
+        assert larger >= value - 1e-9 * abs(value)
+
+
+@each("CRITERIA")
+def test_a_singular_matrix_has_the_value_of_no_information_in_one_direction(kind: str):
+    for measure in examples("CRITERIA", kind):
+        for W in (np.diag([1.0, 0.0]), np.diag([3.0, 1.0, 0.0]), np.zeros((2, 2)), np.ones((2, 2))):
+            found = measure.criterion.value(W)
+            assert found == measure.singular or abs(found - measure.singular) < 1e-12
+
+
+@each("CRITERIA")
+@few
+@given(heading=st.floats(-3.0, 3.0))
+def test_a_matrix_that_is_singular_but_for_rounding_counts_as_singular(kind: str, heading: float):
+    """GPS on a straight line has rank 4 of 5 (Brace and Morgansen eq. 11), whatever double precision leaves of the fifth eigenvalue."""
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0),))
+    W = od.variational_gramian(system, od.simulate(system, (0.0, 0.0, heading, 2.0, 1.0), np.zeros(20), 0.5)).total
+    for measure in examples("CRITERIA", kind):
+        assert measure.criterion.value(W) == pytest.approx(measure.singular, abs=1e-10)

@@ -1,0 +1,32 @@
+"""The README's example runs, and its commands and files exist."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+
+from conftest import ROOT
+
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_library_example_runs_and_says_what_it_promises():
+    (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(example, "README.md", "exec"), {})
+    first, second, *_ = printed.getvalue().splitlines()
+    assert first.startswith("heading cannot be told from wind_x, wind_y: ")
+    assert second.startswith("locally optimal")
+
+
+def test_every_file_it_links_to_exists():
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if "://" not in link]
+    assert links
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_every_command_is_a_target_of_the_makefile():
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+    assert set(re.findall(r"^make (\w+)", README, flags=re.MULTILINE)) <= set(targets)
