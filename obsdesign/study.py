@@ -28,6 +28,7 @@ from obsdesign.trajectory import Trajectory
 from obsdesign.validation import Validation, validate
 
 RANDOM_SCHEDULES = 1000
+STRAIGHT, WEAVE, DESIGNED, CHOSEN = "straight", "weave", "designed", "chosen"  # names of paths and of the schedule
 Progress = Callable[[str], None]
 
 
@@ -57,7 +58,7 @@ class Quality:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A path and its quality for each suite, all sensors first. miss [m]: how far from the goal's disc it ends, if there is one."""
+    """A path, its quality for each suite (all sensors first), and whether it satisfies the constraints of the design."""
 
     name: str
     path: Trajectory
@@ -175,6 +176,11 @@ def prior_of(scenario: Scenario) -> Prior:
     return Prior(start_of(scenario), std=[scenario.prior[name] for name in scenario.state_names])
 
 
+def disturbance_psd_of(scenario: Scenario) -> np.ndarray:
+    """Power spectral density (n,) of the process noise, unit^2/s."""
+    return np.array([scenario.process_noise.get(name, 0.0) for name in scenario.state_names]) ** 2
+
+
 def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
     """Return a verdict at the start state for every manoeuvre and every subset of the sensors."""
     model, names = scenario.system.model, scenario.sensor_names
@@ -239,11 +245,11 @@ def _candidates(
     idle = np.clip(0.0, everything.lower, everything.upper)
     straight = simulate(system, everything.x0, np.tile(idle, (everything.steps, 1)), everything.step)
     found = best_weave(everything) if "turn_rate" in system.model.input_names else None
-    paths = {"straight": straight}
+    paths = {STRAIGHT: straight}
     if found is not None:
-        paths["weave"] = found[1]
+        paths[WEAVE] = found[1]
     for suite, design in zip(suites_of(scenario), designs, strict=True):
-        name = "designed" if design is designs[0] else f"designed for {' + '.join(suite)}"
+        name = DESIGNED if design is designs[0] else f"{DESIGNED} for {' + '.join(suite)}"
         if design.trajectory is not None:
             paths[name] = design.trajectory
     candidates = tuple(_candidate(scenario, everything, name, path) for name, path in paths.items())
@@ -259,10 +265,9 @@ def _candidate(scenario: Scenario, problem: DesignProblem, name: str, path: Traj
 def _checks(
     scenario: Scenario, system: System, candidates: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None
 ) -> Iterator[Check]:
-    psd = np.array([scenario.process_noise.get(name, 0.0) for name in scenario.state_names]) ** 2
     paths = {candidate.name: candidate.path for candidate in candidates}
-    schedules = {"chosen": selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
-    for path in ("designed", "straight"):
+    schedules = {CHOSEN: selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
+    for path in (DESIGNED, STRAIGHT):
         for name, chosen in schedules.items():
             found = validate(
                 system,
@@ -272,6 +277,6 @@ def _checks(
                 runs=scenario.validation.runs,
                 seed=seed,
                 executor=executor,
-                disturbance_psd=psd,
+                disturbance_psd=disturbance_psd_of(scenario),
             )
             yield Check(path, name, chosen, found)

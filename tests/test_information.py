@@ -34,8 +34,22 @@ GPS_ONLY = dubins(od.GPS(1.0))
 ALL_FOUR = dubins(*SENSORS)
 
 
+def pendulum_system() -> od.ControlAffineSystem:
+    """A driven pendulum that drives three lags: its steps dx_k+1/dx_k do not commute, those of planar vehicles do."""
+    x = ca.SX.sym("x", 5)
+    drift = ca.vertcat(x[1], -2 * ca.sin(x[0]) - 0.1 * x[1] + 0.2 * x[2], ca.cos(x[0]) - 0.2 * x[2], x[2] - 0.2 * x[3], ca.sin(x[3] - x[4]))
+    outputs = {"angle": x[0] + 0.3 * x[2] ** 2, "rest": x[3] + x[4] * x[1]}
+    return od.ControlAffineSystem(
+        x, tuple("abcde"), drift, {"push": ca.vertcat(0, 1, 0, ca.cos(x[4]), 0)}, outputs=outputs, sigmas={"angle": 0.2}
+    )
+
+
+PENDULUM = pendulum_system()
+BOTH = pytest.mark.parametrize("system", [ALL_FOUR, PENDULUM], ids=["vehicle", "pendulum"])
+
+
 def turning_path(system: od.System = ALL_FOUR, steps: int = 24, step: float = 0.25, seed: int = 3) -> od.Trajectory:
-    """A path under a turn rate drawn anew for each step."""
+    """A path under a turn rate (or push) drawn anew for each step."""
     start = START[: len(system.model.states)]
     return od.simulate(system, start, np.random.default_rng(seed).uniform(-0.6, 0.6, steps), step)
 
@@ -181,14 +195,20 @@ def test_a_circle_followed_by_a_line_is_the_sum_with_the_line_transported():
 
 
 # the integral walks in half steps, Phi in whole ones: they agree to RK4's error (0.6 rad/s * 0.25 s)^5 / 2880 per step
-@pytest.mark.parametrize(("weighted", "relative"), [(True, 1e-11), (False, 1e-7)])
+@pytest.mark.parametrize(
+    ("system", "weighted", "relative"),
+    [(ALL_FOUR, True, 1e-11), (PENDULUM, True, 1e-11), (ALL_FOUR, False, 1e-7)],
+    ids=["vehicle, weighted", "pendulum, weighted", "vehicle, integral"],
+)
 @few
 @given(cut=st.integers(1, 23), seed=st.integers(0, 10**6))
-def test_the_gramian_of_a_path_is_the_sum_of_its_parts_transported_to_the_start(weighted: bool, relative: float, cut: int, seed: int):
-    path = turning_path(seed=seed)
+def test_the_gramian_of_a_path_is_the_sum_of_its_parts_transported_to_the_start(
+    system: od.System, weighted: bool, relative: float, cut: int, seed: int
+):
+    path = turning_path(system, seed=seed)
     first, second = until(path, cut), od.Trajectory(path.t[cut:], path.x[cut:], path.u[cut:])
-    Phi = transition_matrices(ALL_FOUR, path)[cut]
-    W, W1, W2 = (od.variational_gramian(ALL_FOUR, part, weighted).total for part in (path, first, second))
+    Phi = transition_matrices(system, path)[cut]
+    W, W1, W2 = (od.variational_gramian(system, part, weighted).total for part in (path, first, second))
     assert_close(W, W1 + Phi.T @ W2 @ Phi, relative)
 
 
@@ -228,16 +248,26 @@ def test_the_empirical_gramian_does_not_see_the_cut_of_an_angle():
     np.testing.assert_allclose(emp, var, atol=1e-6 * np.abs(var).max())
 
 
+@BOTH
 @few
 @given(seed=st.integers(0, 10**6))
-def test_transition_matrices_are_the_derivatives_of_the_simulated_states(seed: int):
-    path = turning_path(seed=seed)
-    Phi, eps = transition_matrices(ALL_FOUR, path), 1e-4
-    assert Phi.shape == (25, 5, 5)
+def test_transition_matrices_are_the_derivatives_of_the_simulated_states(system: od.System, seed: int):
+    path = turning_path(system, steps=12, seed=seed)
+    Phi, eps = transition_matrices(system, path), 1e-4
+    assert Phi.shape == (13, 5, 5)
     for i, unit in enumerate(np.eye(5)):
-        plus, minus = (od.simulate(ALL_FOUR, path.x[0] + side * eps * unit, path.u, path.step).x for side in (1, -1))
-        # central differences: error eps^2/6 x''' <= 1e-8 * distance flown (< 100 m), rounding 1e-14 / eps
-        np.testing.assert_allclose(Phi[:, :, i], (plus - minus) / (2 * eps), atol=1e-6)
+        plus, minus = (od.simulate(system, path.x[0] + side * eps * unit, path.u, path.step).x for side in (1, -1))
+        # central differences: error eps^2/6 third derivative <= 1e-8 * distance flown (< 50 m), rounding 1e-14 / eps
+        np.testing.assert_allclose(Phi[:, :, i], (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
+
+
+def test_one_step_is_runge_kutta_of_order_4():
+    """On the logistic equation x' = x (1 - x), whose solution is known; planar vehicles would not tell it from Simpson's rule."""
+    x = ca.SX.sym("x")
+    system = od.ControlAffineSystem(x, ("x",), x * (1 - x), outputs={"y": x})
+    exact = 1 / (1 + 4 * np.exp(-3.0))
+    errors = [abs(od.simulate(system, (0.2,), np.zeros((steps, 0)), 3.0 / steps).x[-1, 0] - exact) for steps in (20, 40, 80)]
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.1)
 
 
 # ---------------------------------------------------------------- additivity and sampling
@@ -311,15 +341,16 @@ def correlated_prior(n: int, seed: int = 5) -> od.Prior:
 
 
 @pytest.mark.parametrize("prior", [PRIOR, correlated_prior(5)], ids=["std", "covariance"])
+@BOTH
 @few
 @given(seed=st.integers(0, 10**6))
-def test_without_noise_the_posterior_is_prior_plus_gramian_transported(prior: od.Prior, seed: int):
+def test_without_noise_the_posterior_is_prior_plus_gramian_transported(system: od.System, prior: od.Prior, seed: int):
     """J_k = Phi_k^-T (P0^-1 + sum_{j <= k} W_j) Phi_k^-1; at N nothing is sampled."""
-    path = turning_path(seed=seed)
-    J = od.posterior_information(ALL_FOUR, path, prior)
-    blocks = od.variational_gramian(ALL_FOUR, path).blocks.sum(axis=1)
+    path = turning_path(system, seed=seed)
+    J = od.posterior_information(system, path, prior)
+    blocks = od.variational_gramian(system, path).blocks.sum(axis=1)
     gathered = np.linalg.inv(prior.covariance) + np.cumsum(np.concatenate([blocks, np.zeros((1, 5, 5))]), axis=0)
-    backwards = np.linalg.inv(transition_matrices(ALL_FOUR, path))
+    backwards = np.linalg.inv(transition_matrices(system, path))
     assert_close(J, backwards.swapaxes(1, 2) @ gathered @ backwards, 1e-9)
 
 
@@ -565,6 +596,10 @@ def test_the_lie_rank_is_the_rank_of_the_gramian_under_generic_inputs(subset: tu
 def test_a_prior_must_be_a_normal_distribution(arguments: dict[str, object], message: str):
     with pytest.raises(od.InputError, match=message):
         od.Prior(**arguments)
+
+
+def test_a_standard_deviation_is_the_root_of_a_variance():
+    np.testing.assert_array_equal(od.Prior((1.0, 2.0), std=(3.0, 0.5)).covariance, [[9.0, 0.0], [0.0, 0.25]])
 
 
 def test_a_prior_may_have_units_over_ten_decades_and_cannot_be_changed():

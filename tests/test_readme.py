@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
+import subprocess
+import sys
 
 from conftest import ROOT
 
@@ -13,10 +13,9 @@ README = (ROOT / "README.md").read_text()
 
 def test_the_library_example_runs_and_says_what_it_promises():
     (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exec(compile(example, "README.md", "exec"), {})
-    first, second, *_ = printed.getvalue().splitlines()
+    done = subprocess.run([sys.executable, "-W", "error", "-c", example], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    first, second, *_ = done.stdout.splitlines()
     assert first.startswith("heading cannot be told from wind_x, wind_y: ")
     assert second.startswith("locally optimal")
 

@@ -15,10 +15,8 @@ from obsdesign.information.record import standard_deviations
 from obsdesign.report.rounding import NARROW, rounded
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
-from obsdesign.study import Analysis, Candidate, Check, Quality, Study, prior_of
+from obsdesign.study import CHOSEN, DESIGNED, STRAIGHT, Analysis, Candidate, Check, Quality, Study, disturbance_psd_of, prior_of
 from obsdesign.validation import SETTLED, active_steps
-
-DESIGNED, STRAIGHT, CHOSEN = "designed", "straight", "chosen"
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,8 @@ def segment_shares(study: Study) -> np.ndarray:
 def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
     scenario, path = study.scenario, study.candidate(DESIGNED).path
-    psd = np.array([scenario.process_noise.get(name, 0.0) for name in scenario.state_names]) ** 2
     active = active_steps(scenario.system, path, study.selection.schedule)
-    J = posterior_information(scenario.system, path, prior_of(scenario), psd, active=active)
+    J = posterior_information(scenario.system, path, prior_of(scenario), disturbance_psd_of(scenario), active=active)
     place = study.designs[0].problem.position
     return np.linalg.inv(J)[np.ix_(range(len(J)), place, place)]
 

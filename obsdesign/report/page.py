@@ -44,7 +44,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Figure:
+class KeyNumber:
     """A number that stands for a part at the top of the page."""
 
     part: str
@@ -80,16 +80,16 @@ def _typeset(text: str) -> Markup:
     return Markup(re.sub("λmin", "λ<sub>min</sub>", str(escape(text))))
 
 
-def _headline(study: Study) -> tuple[Figure, ...]:
+def _headline(study: Study) -> tuple[KeyNumber, ...]:
     everything = [each.verdict for each in study.analyses if set(each.sensors) == set(study.scenario.sensor_names)]
     value = facts.value_of(study, study.candidate(facts.DESIGNED).qualities[0])
     schedule, check = study.selection.schedule, study.check(facts.DESIGNED, facts.CHOSEN).validation
     dimension, n = max(verdict.dimension for verdict in everything), len(study.scenario.state_names)
     return (
-        Figure("can", f"{dimension} of {n}", "dimensions seen with all sensors"),
-        Figure("how", rounded(value), f"{wording.criterion_name(study)} of the designed path"),
-        Figure("which", percent(schedule.gap), "gap between schedule and bound"),
-        Figure("holds", percent(check.in_band), "of the instants with NEES in its band"),
+        KeyNumber("can", f"{dimension} of {n}", "dimensions seen with all sensors"),
+        KeyNumber("how", rounded(value), f"{wording.criterion_name(study)} of the designed path"),
+        KeyNumber("which", percent(schedule.gap), "gap between schedule and bound"),
+        KeyNumber("holds", percent(check.in_band), "of the instants with NEES in its band"),
     )
 
 

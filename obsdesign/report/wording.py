@@ -7,7 +7,7 @@ import numpy as np
 from obsdesign.report import facts
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, rounded, with_unit
-from obsdesign.study import Check, Study
+from obsdesign.study import WEAVE, Check, Study
 
 _CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
@@ -87,7 +87,7 @@ def flown(study: Study) -> str:
     ours = _value(study, facts.DESIGNED)
     rivals = [
         f"{_gain(study, ours, _value(study, name))} {words}"
-        for name, words in ((facts.STRAIGHT, "flying straight"), ("weave", "the best weave that meets the same limits"))
+        for name, words in ((facts.STRAIGHT, "flying straight"), (WEAVE, "the best weave that meets the same limits"))
         if any(candidate.name == name for candidate in study.candidates)
     ]
     status = study.designs[0].status.value
@@ -168,8 +168,8 @@ def held(study: Study) -> str:
     excess = float(np.max(validation.rmse[-1] / validation.bound[-1])) - 1
     near = f"its final errors are at most {percent(max(excess, 0.0))} above their Cramér-Rao bounds"
     others = [each for each in study.checks if not each.validation.consistent and each is not check]
-    rest = joined([f"{each.path} with {each.schedule}" for each in others])
-    tail = f"; not so for {rest}" if others else ""
+    rest = joined([f"the {each.path} path with {_named(each.schedule)}" for each in others])
+    tail = f"; not so on {rest}" if others else ""
     return f"{yes}: on the designed path with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
 
 
@@ -206,6 +206,10 @@ def _reason(study: Study, check: Check) -> str:
     if early and highest > 1.5 * validation.nees_interval[1]:
         return f"{peaks}; the linearisation error of that moment is forgotten later."
     return ""
+
+
+def _named(schedule: str) -> str:
+    return "the chosen schedule" if schedule == facts.CHOSEN else schedule
 
 
 def _capital(text: str) -> str:

@@ -33,7 +33,8 @@ def select_sensors(
 
     blocks (K, S, n, n), symmetric and >= 0, in any unit (scale them first: S W S). The relaxation is an SDP; its dual Z gives
     the bound in closed form, so that the certificate does not depend on the solver's status; the rounded schedule, and random
-    ones where there are few segments, are improved by exchanges. Status OPTIMAL when gap is reached, else GAP_OPEN; time_limit [s] concerns the solver.
+    ones where there are few segments, are improved by exchanges.
+    Status OPTIMAL when gap is reached, else GAP_OPEN; time_limit [s] concerns the solver.
     Raises InputError for bad blocks, SolveError when the solver fails (throw=False: the failed Schedule).
     Source: Brace and Morgansen, eq. (12).
     """

@@ -11,12 +11,14 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from obsdesign.study import DESIGNED, STRAIGHT, WEAVE
+
 WIDTH = 4.8  # inches: 10 pt text stays 10 px on a phone that is 400 px wide
 BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"  # Okabe and Ito
 INK, QUIET, FAINT = "#222222", "#767676", "#d4d4d4"
 
 # colour of each path, the same in every figure
-PATH_COLOURS = {"straight": VERMILLION, "weave": QUIET, "designed": BLUE}
+PATH_COLOURS = {STRAIGHT: VERMILLION, WEAVE: QUIET, DESIGNED: BLUE}
 OTHER_PATHS = (GREEN, PURPLE, ORANGE)
 
 _STYLE: dict[Any, Any] = {

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
 from obsdesign.report.rounding import label, readable
-from obsdesign.study import Study
+from obsdesign.study import DESIGNED, STRAIGHT, Study
 
 
 def inputs_figure(study: Study) -> str:
@@ -34,9 +34,9 @@ def _draw_input(study: Study, axes: Axes, which: int) -> None:
     for bound in study.scenario.design.bounds[signal.name]:
         axes.axhline(bound * factor, color=INK, linewidth=1, linestyle=":")
     for candidate in study.candidates:
-        if candidate.name == "straight":
+        if candidate.name == STRAIGHT:
             continue
-        path, wide = candidate.path, candidate.name == "designed"
+        path, wide = candidate.path, candidate.name == DESIGNED
         colour = path_colour(candidate.name, names)
         look = {"linewidth": 2.0 if wide else 1.1, "zorder": 3 if wide else 2, "color": colour, "label": candidate.name}
         axes.stairs(path.u[:, which] * factor, path.t, baseline=None, **look)

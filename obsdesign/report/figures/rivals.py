@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
 from obsdesign.report.rounding import rounded
-from obsdesign.study import Study
+from obsdesign.study import CHOSEN, Study
 
 
 def rivals_figure(study: Study) -> str:
@@ -28,7 +28,7 @@ def rival_values(study: Study) -> dict[str, float]:
     random, count = selection.random_values, len(selection.random_values)
     naive = {rival.name: rival.value for rival in selection.rivals}
     tail = {f"best of {count} random": float(random[-1]), "median random": float(np.median(random))}
-    return {"chosen": selection.schedule.value} | naive | tail
+    return {CHOSEN: selection.schedule.value} | naive | tail
 
 
 def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:
