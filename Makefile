@@ -26,6 +26,8 @@ lint: $(READY)
 # The committed example is what a reader sees without running anything.
 examples: $(READY)
 	$(BIN)/obsdesign run scenarios/aerosonde_wind.toml --out reports/examples/aerosonde_wind
+	$(BIN)/python docs/picture.py
+	$(BIN)/obsdesign schema result > docs/result.schema.json
 
 lock: $(READY)
 	$(BIN)/pip-compile --quiet --strip-extras --extra dev --no-header --no-annotate --no-emit-index-url --no-emit-find-links \

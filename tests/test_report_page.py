@@ -12,10 +12,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-import obsdesign.study
 from obsdesign.constraints.goal import Goal
-from obsdesign.design.problem import DesignProblem
-from obsdesign.design.weave import Weave
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.report import facts
 from obsdesign.report.figures.path import path_figure
@@ -24,9 +21,7 @@ from obsdesign.report.rounding import MINUS, NARROW, percent, plain, polished, r
 from obsdesign.report.tables import Table, checks_table, paths_table, schedules_table, starts_table, subsets_table
 from obsdesign.report.wording import reasons
 from obsdesign.scenario.loading import load_scenario
-from obsdesign.simulation import simulate
 from obsdesign.study import Study, run
-from obsdesign.trajectory import Trajectory
 
 AEROSONDE = Path(__file__).parent.parent / "scenarios" / "aerosonde_wind.toml"
 VOID = {"meta", "br", "hr", "img", "link", "input", "source", "wbr", "col", "area", "base", "embed", "track"}
@@ -77,13 +72,6 @@ class Document(HTMLParser):
         return sum(name == tag for name, _ in self.elements)
 
 
-def some_weave(problem: DesignProblem) -> tuple[Weave, Trajectory]:
-    """A weave without the search for the best, which takes seconds."""
-    weave = Weave(course=0.1, swing=0.6, period=20.0, side=-1)
-    u = weave.turn_rates(problem.step * np.arange(problem.steps), problem.step)
-    return weave, simulate(problem.system, problem.x0, u[:, None], problem.step)
-
-
 @pytest.fixture(scope="module")
 def aerosonde() -> Study:
     full = load_scenario(AEROSONDE)
@@ -92,9 +80,7 @@ def aerosonde() -> Study:
     constraints = tuple(near if isinstance(each, Goal) else each for each in full.design.constraints)
     design = full.design.model_copy(update={"starts": 1, "path": PiecewiseConstant(6), "constraints": constraints})
     validation = full.validation.model_copy(update={"runs": 20})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(obsdesign.study, "best_weave", some_weave)
-        return run(full.model_copy(update={"time": time, "design": design, "validation": validation}))
+    return run(full.model_copy(update={"time": time, "design": design, "validation": validation}))
 
 
 @pytest.fixture(scope="module")
@@ -102,9 +88,8 @@ def rover(tmp_path_factory) -> Study:
     """Two inputs, no wind, no landmark, no goal, no other suite, no weave, another criterion, two sensors at a time."""
     file = tmp_path_factory.mktemp("rover") / "rover.toml"
     file.write_text(ROVER)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(obsdesign.study, "best_weave", lambda problem: None)
-        return run(load_scenario(file))
+    study = run(load_scenario(file))
+    return replace(study, weave=None, candidates=tuple(each for each in study.candidates if each.name != "weave"))
 
 
 @pytest.fixture(scope="module")

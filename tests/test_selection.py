@@ -367,6 +367,7 @@ def test_the_number_of_sensors_per_segment_is_checked(per_segment: object):
         ({"gap": np.nan}, "gap is nan"),
         ({"time_limit": 0.0}, "time_limit is 0.0: must be a finite number above 0"),
         ({"time_limit": -1.0}, "time_limit is -1.0"),
+        ({"seed": -1}, "seed is -1: must be a whole number of at least 0"),
     ],
 )
 def test_limits_are_checked(limits: dict[str, float], message: str):

@@ -14,7 +14,9 @@ from obsdesign.simulation import simulate
 from obsdesign.trajectory import Trajectory
 
 _LEAD = 5.0  # seconds in which the course is turned to before weaving
-_ROUNDS = 3  # the grid is refined about its best point this many times
+_KEPT = 3  # points of a grid about which it is refined: the value has many local maxima
+# course [rad], swing [rad], period [durations]: middle and half width of the grid
+_CENTRE, _WIDTH = np.array([0.0, 0.9, 0.5]), np.array([0.6, 0.9, 0.45])
 _TURN = "turn_rate"
 
 
@@ -39,30 +41,30 @@ class Weave:
         return self.course * np.clip(t / _LEAD, 0, 1) + self.side * self.swing * np.sin(2 * np.pi * t / self.period)
 
 
+_Rated = tuple[float, Weave, Trajectory]
+
+
 def best_weave(problem: DesignProblem) -> tuple[Weave, Trajectory] | None:
     """Return the weave of highest value that meets the problem's bounds and constraints, or None where none does.
 
-    A grid over course, swing, period and side, refined three times about its best point. Other inputs stay mid-range.
-    Raises InputError for a system without a turn rate.
+    A grid over course, swing, period and side; then finer grids about each of its three best points. Other inputs stay
+    mid-range. Raises InputError for a system without a turn rate.
     """
     if _TURN not in problem.system.model.input_names:
         raise InputError("a weave needs a vehicle with a turn_rate")
-    best: tuple[float, Weave, Trajectory] | None = None
-    centre, width = np.array([0.0, 0.9, 0.5]), np.array([0.6, 0.9, 0.45])
-    for _ in range(_ROUNDS):
-        found = _best_of(problem, _grid(problem, centre, width, best))
-        if found is None:
-            break
-        if best is None or found[0] > best[0]:
-            best = found
-        weave = best[1]
-        centre, width = np.array([weave.course, weave.swing, weave.period / problem.duration]), width / 4
-    return None if best is None else best[1:]
+    found = _best_of(problem, _grid(problem, _CENTRE, _WIDTH, 13, (1, -1)))
+    for width in (_WIDTH / 6, _WIDTH / 15, _WIDTH / 40):
+        near = [weave for _, weave, _ in found for weave in _grid(problem, _place(problem, weave), width, 5, (weave.side,))]
+        found = sorted([*found, *_best_of(problem, near)], key=lambda candidate: -candidate[0])[:_KEPT]
+    return found[0][1:] if found else None
 
 
-def _grid(problem: DesignProblem, centre: np.ndarray, width: np.ndarray, best: tuple[float, Weave, Trajectory] | None) -> list[Weave]:
-    courses, swings, periods = (np.linspace(c - w, c + w, 13) for c, w in zip(centre, width, strict=True))
-    sides = (1, -1) if best is None else (best[1].side,)
+def _place(problem: DesignProblem, weave: Weave) -> np.ndarray:
+    return np.array([weave.course, weave.swing, weave.period / problem.duration])
+
+
+def _grid(problem: DesignProblem, centre: np.ndarray, width: np.ndarray, points: int, sides: tuple[int, ...]) -> list[Weave]:
+    courses, swings, periods = (np.linspace(c - w, c + w, points) for c, w in zip(centre, width, strict=True))
     allowed = periods[periods * problem.duration > 4 * problem.step]
     return [
         Weave(float(course), float(swing), float(period) * problem.duration, side)
@@ -73,15 +75,17 @@ def _grid(problem: DesignProblem, centre: np.ndarray, width: np.ndarray, best: t
     ]
 
 
-def _best_of(problem: DesignProblem, weaves: list[Weave]) -> tuple[float, Weave, Trajectory] | None:
+def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_Rated]:
+    """Return the best few of the weaves that meet bounds and constraints, best first."""
+    if not weaves:
+        return []
     inputs = np.stack([_inputs(problem, weave) for weave in weaves])
-    inside = np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2))
-    kept = np.flatnonzero(inside)
-    states = _flown(problem, inputs[kept])
-    kept = [i for i, x in zip(kept, states, strict=True) if problem.margins(x).min(initial=0.0) >= 0]
+    inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)))
+    states = _flown(problem, inputs[inside])
+    kept = [i for i, x in zip(inside, states, strict=True) if problem.margins(x).min(initial=0.0) >= 0]
     paths = [(weaves[i], simulate(problem.system, problem.x0, inputs[i], problem.step)) for i in kept]
     rated = [(problem.value(variational_gramian(problem.system, path)), weave, path) for weave, path in paths]
-    return max(rated, key=lambda candidate: candidate[0], default=None)
+    return sorted(rated, key=lambda candidate: -candidate[0])[:_KEPT]
 
 
 def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:

@@ -135,7 +135,7 @@ def weave_in_words(study: Study) -> str:
     return (
         f"The weave turns by {rounded(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
         f"±{rounded(weave.swing * degrees)}{NARROW}deg with a period of {rounded(weave.period)}{NARROW}s, {side} first; "
-        "course, swing, period and side are the best of a search over a grid that is refined three times."
+        "course, swing, period and side are the best of a search over a grid that is refined about its best points."
     )
 
 
