@@ -16,7 +16,7 @@ def summary_of(result: Result) -> Group:
 
 
 def _table(title: str, *columns: str) -> Table:
-    return Table(*map(escape, columns), title=f"\n{title}", title_justify="left", caption_justify="left", box=SIMPLE)
+    return Table(*map(escape, columns), title=f"\n{title}", title_justify="left", caption_justify="left", box=SIMPLE, pad_edge=False)
 
 
 def _hidden(result: Result) -> Table:
