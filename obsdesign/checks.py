@@ -3,27 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from numbers import Integral, Real
+from typing import Any
 
 from obsdesign.errors import InputError
 
 
 def require_positive(what: str, value: float) -> None:
     """Raise InputError unless 0 < value < inf."""
-    if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+    if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value) and value > 0):
         raise InputError(f"{what} is {value!r}: must be a finite number above 0")
 
 
-def require_finite(what: str, values: Sequence[float]) -> None:
-    """Raise InputError unless every value is finite."""
-    for value in values:
-        if not math.isfinite(value):
-            raise InputError(f"{what} is {tuple(values)!r}: every entry must be finite")
+def as_pair(what: str, values: Any) -> tuple[float, float]:  # noqa: ANN401  # whatever a caller took for a pair
+    """Return two finite numbers, such as a point (x, y) or an interval (low, high), as a tuple, or raise InputError."""
+    pair = tuple(values) if isinstance(values, Iterable) else (values,)
+    if len(pair) != 2 or not all(isinstance(value, Real) for value in pair):
+        raise InputError(f"{what} is {values!r}: must be two numbers")
+    first, second = (float(value) for value in pair)
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise InputError(f"{what} is {(first, second)!r}: every entry must be finite")
+    return first, second
 
 
 def require_count(what: str, value: int, least: int = 1, most: int | None = None) -> None:
     """Raise InputError unless value is a whole number in [least, most]."""
-    whole = isinstance(value, int) or (hasattr(value, "__index__") and not isinstance(value, bool))
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
     if not whole or value < least or (most is not None and value > most):
         accepted = f"a whole number of at least {least}" if most is None else f"a whole number from {least} to {most}"
         raise InputError(f"{what} is {value!r}: must be {accepted}")

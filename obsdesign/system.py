@@ -268,7 +268,10 @@ def _restore(
     values = iter(ca.Function.deserialize(graph).call([x]))
     drift = next(values)
     groups = [{name: next(values) for name in group} for group in (known, unknown, outputs)]
-    return ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles)
+    system = ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles)
+    # the restored graph may be written in another order: its key stays the one it was made from
+    object.__setattr__(system, "_key", (graph, names, sigmas, angles))
+    return system
 
 
 def _columns(fields: list[ca.SX], n: int) -> ca.SX:

@@ -86,6 +86,7 @@ def validate(
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
+    require_count("seed", seed, least=0)
     active = active_steps(system, path, schedule)
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)

@@ -304,6 +304,19 @@ def test_starts_are_the_same_for_the_same_seed_and_within_bounds():
         assert np.all((u >= -0.3) & (u <= 0.2))
 
 
+def test_shaped_starts_weave_by_63_degrees_or_turn_once():
+    """Weaves swing 1.1 rad to both sides and come back, orbits turn 2 pi in the first third and fly straight on."""
+    problem = problem_with(step=0.1, bounds={"turn_rate": (-9.0, 9.0)})
+    headings = {name: np.cumsum(u[:, 0]) * 0.1 for name, u in start_inputs(problem, 6, seed=0)}
+    for name, heading in headings.items():
+        side = -1 if "right" in name else 1
+        if name.startswith("weave"):
+            assert side * heading[10] > 0.3
+            np.testing.assert_allclose([heading.max(), heading.min(), heading[-1]], [1.1, -1.1, 0.0], atol=0.01)
+        else:
+            np.testing.assert_allclose(heading[70:], side * 2 * np.pi, atol=0.1)
+
+
 def oscillator() -> od.ControlAffineSystem:
     x = ca.SX.sym("x", 2)
     return od.ControlAffineSystem(x, ("a", "b"), ca.vertcat(x[1], -x[0]), {"u": ca.vertcat(0, x[0])}, outputs={"y": x[0]})

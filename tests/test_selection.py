@@ -303,6 +303,8 @@ def test_naive_schedules_have_the_shape_and_the_counts_asked_for(per_segment: in
 def test_always_keeps_one_sensor_on_and_round_robin_goes_round():
     np.testing.assert_array_equal(always(3, 4, 2), np.tile([False, False, True, False], (3, 1)))
     np.testing.assert_array_equal(np.argmax(round_robin(5, 3), axis=1), [0, 1, 2, 0, 1])
+    two_at_a_time = [np.flatnonzero(row).tolist() for row in round_robin(3, 4, 2)]
+    assert two_at_a_time == [[0, 1], [2, 3], [0, 1]]
 
 
 @few

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from obsdesign.checks import require_finite, require_positive
+from obsdesign.checks import as_pair, require_positive
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, squared_distance
 from obsdesign.signals import Point
 
@@ -18,7 +18,7 @@ class Goal(AbstractConstraint):
     tolerance: float
 
     def __post_init__(self) -> None:
-        require_finite("goal: point", self.point)
+        object.__setattr__(self, "point", as_pair("goal: point", self.point))
         require_positive("goal: tolerance", self.tolerance)
 
     def at_nodes(self, x: Coordinate, y: Coordinate, landmarks: Sequence[Point]) -> list[Coordinate]:

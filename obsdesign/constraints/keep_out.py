@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from obsdesign.checks import require_finite, require_positive
+from obsdesign.checks import as_pair, require_positive
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, squared_distance
 from obsdesign.signals import Point
 
@@ -18,7 +18,7 @@ class KeepOut(AbstractConstraint):
     radius: float
 
     def __post_init__(self) -> None:
-        require_finite("keep_out: centre", self.centre)
+        object.__setattr__(self, "centre", as_pair("keep_out: centre", self.centre))
         require_positive("keep_out: radius", self.radius)
 
     def at_nodes(self, x: Coordinate, y: Coordinate, landmarks: Sequence[Point]) -> list[Coordinate]:

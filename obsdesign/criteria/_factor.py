@@ -46,3 +46,9 @@ def nearest_factor(A: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(A)
     raised = np.maximum(values, 1e-12 * max(values[-1], 1.0))
     return np.linalg.cholesky((vectors * raised) @ vectors.T)
+
+
+def positive_eigenvalues(W: np.ndarray) -> np.ndarray | None:
+    """Return the eigenvalues of W (n, n), or None where the smallest cannot be told from 0 in double precision."""
+    values = np.linalg.eigvalsh(W)
+    return values if values[0] > len(W) * np.finfo(float).eps * abs(values[-1]) else None

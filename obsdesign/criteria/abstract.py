@@ -35,6 +35,11 @@ class AbstractCriterion(ABC):
     def value(self, W: np.ndarray) -> float:
         """Return the number for W >= 0 symmetric; -inf where it does not exist."""
 
+    @property
+    @abstractmethod
+    def resolution(self) -> float:
+        """Two values nearer than this are one: 0 for a number that scales with W, whose differences are judged relatively."""
+
     @abstractmethod
     def lift(self, W: ca.SX, c: ca.SX) -> Lift:
         """Return the number as smooth constraints, with W measured in units of the scalar c > 0 for conditioning."""

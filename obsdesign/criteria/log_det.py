@@ -23,8 +23,12 @@ class LogDet(AbstractCriterion):
     """
 
     def value(self, W: np.ndarray) -> float:
-        sign, logarithm = np.linalg.slogdet(W)
-        return float(logarithm) if sign > 0 else -np.inf
+        values = factor.positive_eigenvalues(W)
+        return -np.inf if values is None else float(np.sum(np.log(values)))
+
+    @property
+    def resolution(self) -> float:
+        return 1e-6
 
     def lift(self, W: ca.SX, c: ca.SX) -> Lift:
         import casadi as ca

@@ -25,6 +25,10 @@ class MinEigenvalue(AbstractCriterion):
     def value(self, W: np.ndarray) -> float:
         return float(np.linalg.eigvalsh(W)[0])
 
+    @property
+    def resolution(self) -> float:
+        return 0.0
+
     def lift(self, W: ca.SX, c: ca.SX) -> Lift:
         import casadi as ca
 

@@ -23,8 +23,12 @@ class TraceInverse(AbstractCriterion):
     """
 
     def value(self, W: np.ndarray) -> float:
-        values = np.linalg.eigvalsh(W)
-        return -float(np.sum(1 / values)) if values[0] > 0 else -np.inf
+        values = factor.positive_eigenvalues(W)
+        return -np.inf if values is None else -float(np.sum(1 / values))
+
+    @property
+    def resolution(self) -> float:
+        return 0.0
 
     def lift(self, W: ca.SX, c: ca.SX) -> Lift:
         import casadi as ca

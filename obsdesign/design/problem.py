@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_finite, require_known, require_positive, whole_multiple
+from obsdesign.checks import as_pair, require_known, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
@@ -50,6 +50,7 @@ class DesignProblem:
             require_positive(f"scale of {name}", float(unit))
         object.__setattr__(self, "scale", scale)
         object.__setattr__(self, "constraints", tuple(self.constraints))
+        object.__setattr__(self, "bounds", {name: as_pair(f"bounds of {name}", pair) for name, pair in self.bounds.items()})
         require_positive("duration", self.duration)
         require_positive("step", self.step)
         if whole_multiple(self.duration, self.step) is None:
@@ -114,7 +115,6 @@ class DesignProblem:
             if name not in self.bounds:
                 raise InputError(f"bounds of {name} are missing: every known input needs (low, high)")
             low, high = self.bounds[name]
-            require_finite(f"bounds of {name}", (low, high))
             if low >= high:
                 raise InputError(f"bounds of {name} are ({low:g}, {high:g}): low must be below high")
 

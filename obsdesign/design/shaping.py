@@ -34,6 +34,7 @@ def design_trajectory(
     Source: the lift of lambda_min, max t s.t. S W S / c - t I = L L'; Brace and Morgansen for the aim.
     """
     require_count("starts", starts)
+    require_count("seed", seed, least=0)
     verdict = observability(problem.system, seed=seed)
     if verdict.decided and not verdict.observable:
         raise UnobservableError(verdict)
@@ -53,7 +54,7 @@ def _recomputed(problem: DesignProblem, name: str, solution: Solution) -> _Attem
     information = variational_gramian(problem.system, path)
     value = problem.value(information)
     status = solution.status
-    agrees = abs(value - solution.objective) <= _AGREEMENT * abs(value)
+    agrees = abs(value - solution.objective) <= max(_AGREEMENT * abs(value), problem.criterion.resolution)
     if status.has_answer and not (agrees and problem.is_feasible(path.x)):
         status = Status.NUMERICAL_ERROR
     value = value if status.has_answer else np.nan

@@ -81,7 +81,7 @@ def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_Rated]:
         return []
     inputs = np.stack([_inputs(problem, weave) for weave in weaves])
     inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)))
-    states = _flown(problem, inputs[inside])
+    states = _flown(problem, inputs[inside]) if inside.size else []
     kept = [i for i, x in zip(inside, states, strict=True) if problem.margins(x).min(initial=0.0) >= 0]
     paths = [(weaves[i], simulate(problem.system, problem.x0, inputs[i], problem.step)) for i in kept]
     rated = [(problem.value(variational_gramian(problem.system, path)), weave, path) for weave, path in paths]

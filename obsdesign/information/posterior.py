@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.checks import require_known
-from obsdesign.compile import sample_information, transition
+from obsdesign.compile import transition
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.prior import Prior
-from obsdesign.information.sampling import sampled
+from obsdesign.information.sampling import local_information
 from obsdesign.system import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
@@ -33,6 +33,8 @@ def posterior_information(
     """
     require_fit(system, path)
     model = system.model
+    if prior.mean.shape != path.x[0].shape:
+        raise InputError(f"prior has {prior.mean.size} states: the path has {path.x.shape[1]} ({', '.join(model.state_names)})")
     require_known("unknown_inputs", unknown_inputs, [signal.name for signal in model.unknown_inputs])
     columns = [i for i, signal in enumerate(model.unknown_inputs) if signal.name in unknown_inputs]
     F, B_w = _sensitivities(system, path)
@@ -70,15 +72,13 @@ def _sensitivities(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray
 
 def _gained(system: AbstractSystem, path: Trajectory, active: np.ndarray | None) -> np.ndarray:
     """Information (N+1, n, n) of the samples at each step about the state at that step; none at t_N."""
-    n, steps = path.x.shape[1], path.steps
-    mask = sampled(system, steps, path.step)
+    blocks = local_information(system, path)
     if active is not None:
-        if np.shape(active) != mask.shape:
-            raise InputError(f"active has shape {np.shape(active)}: must be {mask.shape}")
-        mask = mask & np.asarray(active, dtype=bool)
-    local = sample_information(system).map(steps)(path.x[:-1].T, np.tile(np.eye(n), steps)).full()
-    blocks = local.reshape(n, steps, -1, n).transpose(1, 2, 0, 3)
-    return np.concatenate([np.where(mask[:, :, None, None], blocks, 0.0).sum(axis=1), np.zeros((1, n, n))])
+        if np.shape(active) != blocks.shape[:2]:
+            raise InputError(f"active has shape {np.shape(active)}: must be {blocks.shape[:2]}")
+        blocks = np.where(np.asarray(active, dtype=bool)[:, :, None, None], blocks, 0.0)
+    n = path.x.shape[1]
+    return np.concatenate([blocks.sum(axis=1), np.zeros((1, n, n))])
 
 
 def _predicted(J: np.ndarray, F: np.ndarray, B: np.ndarray, certainty: np.ndarray) -> np.ndarray:

@@ -25,6 +25,8 @@ class Prior:
         if (std is None) == (covariance is None):
             raise InputError("prior: give either std or covariance")
         spread = np.array(covariance if std is None else std, dtype=float)
+        if centre.ndim != 1 or not centre.size:
+            raise InputError(f"prior: mean has shape {centre.shape}: mean and covariance must be finite, (n,) and (n, n)")
         if std is not None:
             if spread.shape != centre.shape or not (np.isfinite(spread).all() and (spread > 0).all()):
                 raise InputError(f"prior: std is {spread.tolist()}: must be {centre.size} finite numbers above 0")

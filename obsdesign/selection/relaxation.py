@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_positive
+from obsdesign.checks import require_count, require_positive
 from obsdesign.errors import InputError, SolveError
 from obsdesign.selection.exchange import improved
 from obsdesign.selection.naive import at_random
@@ -43,6 +43,7 @@ def select_sensors(
         raise InputError(f"gap is {gap!r}: must be a finite number of at least 0")
     if time_limit is not None:
         require_positive("time_limit", time_limit)
+    require_count("seed", seed, least=0)
     relaxed, Z, status = _relaxed(array, per_segment, time_limit)
     if not status.has_answer:
         if throw:

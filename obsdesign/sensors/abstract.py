@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from obsdesign.checks import require_finite, require_positive
+from obsdesign.checks import require_positive
 from obsdesign.signals import Point, Signal
 
 if TYPE_CHECKING:
@@ -28,8 +28,6 @@ class AbstractSensor(ABC):
         require_positive(f"{self.name}: sigma", self.sigma)
         if self.rate is not None:
             require_positive(f"{self.name}: rate", self.rate)
-        if self.landmark is not None:
-            require_finite(f"{self.name}: beacon", self.landmark)
 
     @property
     @abstractmethod

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from obsdesign.checks import as_pair
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.signals import Point, Signal
 
@@ -24,6 +25,10 @@ class Bearing(AbstractSensor):
     sigma: float
     rate: float | None = None
     name: str = "bearing"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "beacon", as_pair(f"{self.name}: beacon", self.beacon))
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
