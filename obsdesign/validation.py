@@ -102,6 +102,8 @@ def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | 
     mask = sampled(system, path.steps, path.step)
     if schedule is None:
         return mask
+    if isinstance(schedule, Schedule) and not schedule.status.has_answer:
+        raise InputError(f"schedule has no answer ({schedule.status.value}): there is nothing to validate")
     chosen = np.asarray(schedule.chosen if isinstance(schedule, Schedule) else schedule, dtype=bool)
     if chosen.ndim != 2 or chosen.shape[1] != mask.shape[1] or not len(chosen) or path.steps % len(chosen):
         raise InputError(f"schedule has shape {chosen.shape}: must be (K, {mask.shape[1]}), with K a divisor of {path.steps} steps")

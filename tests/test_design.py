@@ -6,6 +6,7 @@ import dataclasses
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
+from itertools import islice
 from typing import Any
 
 import casadi as ca
@@ -133,7 +134,7 @@ def test_no_feasible_path_nearby_is_better(course: od.Design):
 @pytest.mark.parametrize("criterion", [od.MinEigenvalue(), od.LogDet(), od.TraceInverse()], ids=lambda criterion: type(criterion).__name__)
 def test_the_solvers_objective_is_the_criterion_of_the_path_it_returns(criterion: object):
     problem = problem_with(scale=SCALE, criterion=criterion, duration=8.0, path=od.PiecewiseConstant(5))
-    ((_, guess),) = start_inputs(problem, 1, seed=0)
+    _, guess = next(start_inputs(problem, seed=0))
     solution = solve(problem, problem.path.fit(guess))
     assert solution.status is od.Status.LOCALLY_OPTIMAL
     path = od.simulate(problem.system, problem.x0, np.array(problem.path.inputs(solution.p, problem.steps)), problem.step)
@@ -293,7 +294,7 @@ def test_processes_give_the_same_design_as_none(course: od.Design):
 def test_starts_are_the_same_for_the_same_seed_and_within_bounds():
     """More starts begin with the same ones; another seed changes the random ones only."""
     problem = problem_with(bounds={"turn_rate": (-0.3, 0.2)})
-    ten, twelve, other = start_inputs(problem, 10, 4), start_inputs(problem, 12, 4), start_inputs(problem, 10, 5)
+    ten, twelve, other = (list(islice(start_inputs(problem, seed), count)) for count, seed in ((10, 4), (12, 4), (10, 5)))
     assert len({name for name, _ in twelve}) == 12
     for (name, u), (same_name, same_u), (_, other_u) in zip(ten, twelve, other, strict=False):
         assert name == same_name
@@ -307,7 +308,7 @@ def test_starts_are_the_same_for_the_same_seed_and_within_bounds():
 def test_shaped_starts_weave_by_63_degrees_or_turn_once():
     """Weaves swing 1.1 rad to both sides and come back, orbits turn 2 pi in the first third and fly straight on."""
     problem = problem_with(step=0.1, bounds={"turn_rate": (-9.0, 9.0)})
-    headings = {name: np.cumsum(u[:, 0]) * 0.1 for name, u in start_inputs(problem, 6, seed=0)}
+    headings = {name: np.cumsum(u[:, 0]) * 0.1 for name, u in islice(start_inputs(problem, seed=0), 6)}
     for name, heading in headings.items():
         side = -1 if "right" in name else 1
         if name.startswith("weave"):
@@ -482,3 +483,12 @@ def test_where_no_weave_fits_there_is_none(changes: dict[str, object]):
 def test_a_weave_needs_a_turn_rate():
     with pytest.raises(od.InputError, match="a weave needs a vehicle with a turn_rate"):
         best_weave(oscillator_problem())
+
+
+@pytest.mark.parametrize("criterion", [od.MinEigenvalue(), od.LogDet()], ids=["lambda_min", "log_det"])
+def test_a_path_too_coarse_for_a_weave_starts_elsewhere(criterion: object):
+    """Two periods averaged over four pieces are a straight line, where lambda_min = 0 is stationary: such starts are passed over."""
+    problem = problem_with(duration=8.0, path=od.PiecewiseConstant(4), criterion=criterion)
+    design = od.design_trajectory(problem, starts=4, seed=0)
+    assert not any("2 periods" in start.name for start in design.starts)
+    assert all(start.status is od.Status.LOCALLY_OPTIMAL for start in design.starts)

@@ -383,3 +383,11 @@ def test_a_path_through_a_landmark_is_refused_with_sensor_and_step():
 def test_a_path_of_another_system_is_refused():
     with pytest.raises(od.InputError, match="path has 3 states and 1 inputs: the system has 5"):
         od.validate(FLIGHT, PATH, prior=FLIGHT_PRIOR, runs=2)
+
+
+def test_a_schedule_without_an_answer_is_refused():
+    blocks = np.tile(np.eye(3), (PATH.steps, 1, 1, 1))
+    failed = od.select_sensors(blocks, time_limit=1e-9, throw=False)
+    assert not failed.status.has_answer
+    with pytest.raises(od.InputError, match="schedule has no answer"):
+        od.validate(LINEAR, PATH, failed, prior=PRIOR, runs=2)

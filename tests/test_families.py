@@ -587,6 +587,17 @@ def test_more_information_is_never_worse(kind: str, n: int, seed: int):
         assert larger >= value - 1e-9 * abs(value)
 
 
+@few
+@given(n=st.integers(2, 5), seed=seeds)
+def test_very_different_units_cost_no_digits(n: int, seed: int):
+    """W = D A D with units D over eight decades: log det W = log det A + 2 sum log D, tr W^-1 = sum (A^-1)_ii / D_i^2."""
+    A, _ = information(n, seed)
+    D = np.random.default_rng(seed).permutation(np.logspace(-4, 4, n))
+    W = A * np.outer(D, D)
+    assert od.LogDet().value(W) == pytest.approx(od.LogDet().value(A) + 2 * np.log(D).sum(), rel=1e-9, abs=1e-9)
+    assert od.TraceInverse().value(W) == pytest.approx(-float(np.sum(np.diag(np.linalg.inv(A)) / D**2)), rel=1e-9)
+
+
 SINGULAR = {
     "zero": np.zeros((2, 2)),
     "rank 1": np.ones((2, 2)),

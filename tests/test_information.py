@@ -718,3 +718,13 @@ def test_information_names_its_sensors():
         od.Information(np.zeros((3, 2, 5, 5)), ("gps",))
     with pytest.raises(od.InputError, match=r"no sensor 'radar' \(there are gps, magnetometer, range, bearing\)"):
         od.variational_gramian(ALL_FOUR, turning_path()).only("radar")
+
+
+def test_the_integral_notices_a_landmark_between_two_samples():
+    """At 0.5 Hz and a step of 0.5 s the range is read at t = 0, 2, ...; the path meets the beacon at t = 1."""
+    system = od.System(od.Dubins(1.0), (od.Range((1.0, 0.0), 1.0, rate=0.5),))
+    path = od.simulate(system, np.zeros(3), np.zeros(8), 0.5)
+    assert np.isfinite(od.variational_gramian(system, path).total).all()
+    for gramian in (od.variational_gramian, od.empirical_gramian):
+        with pytest.raises(od.InputError, match="'range' has no derivative"):
+            gramian(system, path, weighted=False)

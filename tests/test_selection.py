@@ -40,7 +40,6 @@ PROBLEMS = {
     "rank 1": random_blocks(4, 4, 3, 1),
     "rank 1, n 5": random_blocks(5, 3, 5, 1, seed=1),
     "full": random_blocks(8, 2, 3, 3, seed=2),
-    "full, n 2": random_blocks(5, 3, 2, 2, seed=3),
     "mixed": np.concatenate([random_blocks(4, 2, 4, 1, seed=4), 0.3 * random_blocks(4, 2, 4, 4, seed=5)], axis=1),
     "path": path_blocks(),
 }

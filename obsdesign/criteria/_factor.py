@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,7 +49,20 @@ def nearest_factor(A: np.ndarray) -> np.ndarray:
     return np.linalg.cholesky((vectors * raised) @ vectors.T)
 
 
-def positive_eigenvalues(W: np.ndarray) -> np.ndarray | None:
-    """Return the eigenvalues of W (n, n), or None where the smallest cannot be told from 0 in double precision."""
-    values = np.linalg.eigvalsh(W)
-    return values if values[0] > len(W) * np.finfo(float).eps * abs(values[-1]) else None
+@dataclass(frozen=True)
+class Balanced:
+    """W = D V diag(values) V' D with D = diag(W)^1/2: the eigenvalues of W freed from the units of its rows."""
+
+    d: np.ndarray  # diagonal of D
+    values: np.ndarray
+    V: np.ndarray
+
+
+def balanced(W: np.ndarray) -> Balanced | None:
+    """Return W (n, n) with unit diagonal as eigenvalues and vectors, or None where it is singular to double precision."""
+    diagonal = np.diag(W)
+    if not (diagonal > 0).all():
+        return None
+    d = np.sqrt(diagonal)
+    values, V = np.linalg.eigh(W / np.outer(d, d))
+    return Balanced(d, values, V) if values[0] > len(W) * np.finfo(float).eps * values[-1] else None

@@ -23,8 +23,8 @@ class LogDet(AbstractCriterion):
     """
 
     def value(self, W: np.ndarray) -> float:
-        values = factor.positive_eigenvalues(W)
-        return -np.inf if values is None else float(np.sum(np.log(values)))
+        found = factor.balanced(W)
+        return -np.inf if found is None else float(np.sum(np.log(found.values)) + 2 * np.sum(np.log(found.d)))
 
     @property
     def resolution(self) -> float:

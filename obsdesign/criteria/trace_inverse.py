@@ -23,8 +23,8 @@ class TraceInverse(AbstractCriterion):
     """
 
     def value(self, W: np.ndarray) -> float:
-        values = factor.positive_eigenvalues(W)
-        return -np.inf if values is None else -float(np.sum(1 / values))
+        found = factor.balanced(W)
+        return -np.inf if found is None else -float(np.sum((found.V**2 @ (1 / found.values)) / found.d**2))
 
     @property
     def resolution(self) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import Executor
+from itertools import islice
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from obsdesign.criteria.log_det import LogDet
 from obsdesign.design.caps import cap_of
 from obsdesign.design.problem import Design, DesignProblem, Start
 from obsdesign.design.starts import start_inputs
-from obsdesign.design.transcription import Solution, solve
+from obsdesign.design.transcription import Solution, solve, transcribe
 from obsdesign.errors import SolveError, UnobservableError
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.record import Information
@@ -21,6 +23,7 @@ from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
 _AGREEMENT = 1e-6  # relative difference allowed between the solver's objective and the recomputed value
+_SKIPPED = 20
 _Attempt = tuple[Start, Trajectory, Information]
 
 
@@ -38,14 +41,30 @@ def design_trajectory(
     verdict = observability(problem.system, seed=seed)
     if verdict.decided and not verdict.observable:
         raise UnobservableError(verdict)
-    names, guesses = zip(*start_inputs(problem, starts, seed), strict=True)
+    names, guesses = zip(*islice(_usable_starts(problem, seed), starts), strict=True)
     apply = map if executor is None else executor.map
-    solutions = list(apply(solve, [problem] * starts, [problem.path.fit(u) for u in guesses]))
+    solutions = list(apply(solve, [problem] * starts, guesses))
     attempts = [_recomputed(problem, name, solution) for name, solution in zip(names, solutions, strict=True)]
     design = _chosen(problem, attempts)
     if throw and not design.status.has_answer:
         raise SolveError(f"trajectory design, all {starts} starts", design.status)
     return design
+
+
+def _usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and parameters of starts whose information is not singular: there the lift has no way to go.
+
+    A weave that the path family is too coarse for averages out to a straight line, for instance. After twenty singular ones,
+    whatever comes is used.
+    """
+    skipped = 0
+    for name, u in start_inputs(problem, seed):
+        p = problem.path.fit(u)
+        W = transcribe(problem).information(p).full()
+        if np.isfinite(LogDet().value(W)) or skipped >= _SKIPPED:
+            yield name, p
+        else:
+            skipped += 1
 
 
 def _recomputed(problem: DesignProblem, name: str, solution: Solution) -> _Attempt:

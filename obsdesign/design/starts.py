@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import chain, count, islice
+from collections.abc import Callable, Iterator
+from itertools import count
 
 import numpy as np
 
@@ -12,13 +12,12 @@ from obsdesign.design.problem import DesignProblem
 _TURN = "turn_rate"
 
 
-def start_inputs(problem: DesignProblem, starts: int, seed: int) -> list[tuple[str, np.ndarray]]:
-    """Return `starts` pairs (name, u (N, m)): weaves and orbits to both sides where there is a turn rate, then smooth random ones."""
+def start_inputs(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield pairs (name, u (N, m)) without end: weaves and orbits to both sides where there is a turn rate, then smooth random ones."""
     t = (np.arange(problem.steps) + 0.5) / problem.steps  # share of the duration
-    steerable = _TURN in problem.system.model.input_names
-    shaped = ((name, _shaped(problem, shape(t))) for name, shape in _SHAPES.items()) if steerable else ()
-    random = ((f"random {i}", _random(problem, t, np.random.default_rng([seed, i]))) for i in count(1))
-    return list(islice(chain(shaped, random), starts))
+    if _TURN in problem.system.model.input_names:
+        yield from ((name, _shaped(problem, shape(t))) for name, shape in _SHAPES.items())
+    yield from ((f"random {i}", _random(problem, t, np.random.default_rng([seed, i]))) for i in count(1))
 
 
 def _weave(periods: float, side: int) -> Callable[[np.ndarray], np.ndarray]:

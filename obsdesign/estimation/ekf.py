@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -34,7 +35,7 @@ class ExtendedKalmanFilter:
         """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs."""
         runs, n = belief.mean.shape
         idle = np.zeros((len(self.system.model.unknown_inputs), runs))
-        x, F, _ = self._transition()(belief.mean.T, np.tile(u[:, None], runs), idle)
+        x, F, _ = self._transition(belief.mean.T, np.tile(u[:, None], runs), idle)
         F = stacked(F, runs, n)
         return Belief(x.full().T, symmetric(F @ belief.covariance @ F.swapaxes(1, 2) + self.noise))
 
@@ -44,7 +45,7 @@ class ExtendedKalmanFilter:
             return belief
         runs, n = belief.mean.shape
         model = self.system.model
-        expected, C = self._output()(belief.mean.T)
+        expected, C = self._output(belief.mean.T)
         C = stacked(C, runs, n)[:, active]
         is_angle = np.array([signal.is_angle for signal in model.outputs])
         residual = wrap_columns(y - expected.full().T, is_angle)[:, active]
@@ -64,9 +65,11 @@ class ExtendedKalmanFilter:
             belief = self.predict(updated, u[k])
         yield belief
 
+    @cached_property
     def _transition(self) -> ca.Function:
         return transition(self.system, self.step).map(self.runs)
 
+    @cached_property
     def _output(self) -> ca.Function:
         return output(self.system).map(self.runs)
 

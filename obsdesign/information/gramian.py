@@ -12,7 +12,7 @@ from obsdesign.checks import require_positive
 from obsdesign.compile import advanced_along, output, transported_along
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
-from obsdesign.information.sampling import local_information, sampled, with_derivatives
+from obsdesign.information.sampling import sampled, with_derivatives
 from obsdesign.system import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
@@ -37,8 +37,7 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: float = 1e-
     Raises InputError as variational_gramian, and for eps <= 0.
     """
     require_positive("eps", eps)
-    require_fit(system, path)
-    local_information(system, path)  # refuses a path through a landmark, which finite differences would not notice
+    variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
     return _gramian(system, path, weighted, partial(_difference_samples, system, eps))
 
 
