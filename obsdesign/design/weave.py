@@ -52,7 +52,7 @@ def best_weave(problem: DesignProblem) -> tuple[Weave, Trajectory] | None:
     """
     if _TURN not in problem.system.model.input_names:
         raise InputError("a weave needs a vehicle with a turn_rate")
-    found = _best_of(problem, _grid(problem, _CENTRE, _WIDTH, 13, (1, -1)))
+    found = _best_of(problem, _grid(problem, _CENTRE, _WIDTH, 11, (1, -1)))
     for width in (_WIDTH / 6, _WIDTH / 15, _WIDTH / 40):
         near = [weave for _, weave, _ in found for weave in _grid(problem, _place(problem, weave), width, 5, (weave.side,))]
         found = sorted([*found, *_best_of(problem, near)], key=lambda candidate: -candidate[0])[:_KEPT]
