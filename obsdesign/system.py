@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_known, require_positive
 from obsdesign.errors import InputError
-from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.sensors.abstract import AbstractSensor, distinct_names
 from obsdesign.signals import Point, Signal
 from obsdesign.vehicles.abstract import AbstractVehicle
 
@@ -139,9 +139,7 @@ class System(AbstractSystem):
     @property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the sensors, without the symbolic model."""
-        names = [sensor.name for sensor in self.sensors]
-        earlier = [names[:i].count(name) for i, name in enumerate(names)]
-        return tuple(f"{name}_{count + 1}" if count else name for name, count in zip(names, earlier, strict=True))
+        return distinct_names(self.sensors)
 
     def __reduce__(self) -> tuple[type[System], tuple[object, ...]]:
         # without the cached model: CasADi expressions do not travel between processes

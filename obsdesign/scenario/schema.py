@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Annotated, Any, Union
+from typing import TYPE_CHECKING, Annotated, Any, Union
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
@@ -14,7 +14,10 @@ import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import kinds, leaf
-from obsdesign.system import System
+from obsdesign.sensors.abstract import distinct_names
+
+if TYPE_CHECKING:
+    from obsdesign.system import System
 
 # every class that a table may name under `kind`
 LEAVES = {
@@ -45,7 +48,8 @@ def _tuples(value: Any) -> Any:  # noqa: ANN401
 class _Table(BaseModel):
     """A table of the file: no unknown keys, no NaN, no silent conversion."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    # built once, as part of the whole scenario, when first used
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 class Time(_Table):
@@ -108,10 +112,10 @@ class Scenario(_Table):
     prior: dict[str, float] = Field(description="standard deviation of each state before the first measurement")
     process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
     time: Time
-    manoeuvres: tuple[Manoeuvre, ...] = (Manoeuvre(name="free"),)
+    manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
     design: DesignTable
-    selection: SelectionTable = SelectionTable()
-    validation: ValidationTable = ValidationTable()
+    selection: SelectionTable = Field(default_factory=SelectionTable)
+    validation: ValidationTable = Field(default_factory=ValidationTable)
     expected: tuple[Expected, ...] = ()
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")
     digest: str = Field(default="", description="sha256 of the file; set by load_scenario")
@@ -119,6 +123,8 @@ class Scenario(_Table):
     @property
     def system(self) -> System:
         """The vehicle with all its sensors."""
+        from obsdesign.system import System
+
         return System(self.vehicle, self.sensors)
 
     @property
@@ -129,7 +135,7 @@ class Scenario(_Table):
     @property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the S sensors; two of one name are told apart by a number."""
-        return self.system.sensor_names
+        return distinct_names(self.sensors)
 
     @property
     def criterion(self) -> AbstractCriterion:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_positive
@@ -42,3 +42,10 @@ class AbstractSensor(ABC):
     @abstractmethod
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return the noise-free outputs h(x) at the state given by name."""
+
+
+def distinct_names(sensors: Sequence[AbstractSensor]) -> tuple[str, ...]:
+    """Return the sensors' names, the second of one name numbered: range, range_2."""
+    names = [sensor.name for sensor in sensors]
+    earlier = [names[:i].count(name) for i, name in enumerate(names)]
+    return tuple(f"{name}_{count + 1}" if count else name for name, count in zip(names, earlier, strict=True))
