@@ -2,7 +2,7 @@
 
 A rank is at least r because an r x r minor's ball excludes 0: that is a proof. It is at most r as far as the working
 precision reaches: all that is left is balls around 0, thinner than 2^-(bits / 2) of the matrix's own scale.
-Source: ALGORITHMS 1.7; F. Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval arithmetic", 2017.
+Source: F. Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval arithmetic", 2017.
 """
 
 from __future__ import annotations

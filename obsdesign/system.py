@@ -255,6 +255,10 @@ class ControlAffineSystem(AbstractSystem):
     def __reduce__(self) -> tuple[object, tuple[object, ...]]:
         return _restore, self._key
 
+    def __dask_tokenize__(self) -> tuple[object, ...]:
+        """What a dask executor knows an argument by; it cannot make that out of CasADi expressions."""
+        return self._key
+
 
 def _restore(
     graph: str, names: tuple[tuple[str, ...], ...], sigmas: tuple[tuple[str, float], ...], angles: tuple[str, ...]

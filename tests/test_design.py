@@ -64,7 +64,7 @@ def course() -> od.Design:
 
 @pytest.fixture(scope="module")
 def plateau() -> od.Design:
-    """The 20-piece problem of ALGORITHMS 3: GPS alone at 1 m/s, unit scales."""
+    """A saturated problem of 20 pieces: GPS alone at 1 m/s, unit scales."""
     bounds = {"turn_rate": (-1.0, 1.0)}
     problem = problem_with(step=0.2, path=od.PiecewiseConstant(20), bounds=bounds)
     return od.design_trajectory(problem, starts=1)
@@ -200,7 +200,7 @@ def test_the_20_piece_problem_reaches_its_cap(plateau: od.Design):
 
 
 def test_the_40_piece_problem_has_the_cap_176_08():
-    """ALGORITHMS 3: GPS of 2 m, 40 s in 160 steps, units (5, 5, 0.5, 0.3, 0.3)."""
+    """GPS of 2 m, 40 s in 160 steps, units (5, 5, 0.5, 0.3, 0.3)."""
     system = od.System(DUBINS, (od.GPS(2.0),))
     cap = cap_of(problem_with(system=system, scale=SCALE, duration=40.0, step=0.25, path=od.PiecewiseConstant(40)))
     assert cap.value == pytest.approx(176.08, abs=0.005)

@@ -10,6 +10,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 import casadi as ca
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from scipy.stats import chi2
 
 import obsdesign as od
@@ -391,3 +392,15 @@ def test_a_schedule_without_an_answer_is_refused():
     assert not failed.status.has_answer
     with pytest.raises(od.InputError, match="schedule has no answer"):
         od.validate(LINEAR, PATH, failed, prior=PRIOR, runs=2)
+
+
+def test_a_dask_cluster_gives_the_same_bytes():
+    """What runs here in one process runs on a cluster through its executor."""
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        cluster.get_client() as client,
+    ):
+        spread = od.validate(LINEAR, PATH, prior=PRIOR, runs=120, executor=client.get_executor())
+    alone = od.validate(LINEAR, PATH, prior=PRIOR, runs=120)
+    assert spread.rmse.tobytes() == alone.rmse.tobytes()
+    assert spread.nees.tobytes() == alone.nees.tobytes()

@@ -520,7 +520,7 @@ def test_standard_deviations_do_not_depend_on_units(n: int, seed: int):
 # ---------------------------------------------------------------- Lie rank = rank of the Gramian
 
 SUBSETS = [subset for size in range(1, 5) for subset in combinations(range(4), size)]
-# Brace and Morgansen, recomputed exactly (TRUTHS E): unicycle, Dubins turning, Dubins straight
+# Brace and Morgansen, recomputed exactly (section IV and table I): unicycle, Dubins turning, Dubins straight
 DIMENSIONS = {
     "gps": (5, 5, 4),
     "magnetometer": (1, 1, 1),

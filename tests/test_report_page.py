@@ -180,7 +180,7 @@ def test_the_same_study_gives_the_same_drawing_whatever_the_global_style(aeroson
 
 
 def test_dimensions_are_those_of_brace_and_morgansen(aerosonde):
-    # TRUTHS E: Sigma_D straight and turning
+    # Brace and Morgansen: Sigma_D straight and turning
     straight = {"gps": 4, "magnetometer": 1, "range": 3, "bearing": 3, "range + bearing": 4, "gps + bearing": 5, "gps + range": 4}
     turning = {"gps": 5, "magnetometer": 1, "range": 4, "bearing": 4, "range + bearing": 4, "gps + bearing": 5, "gps + range": 5}
     rows = {row[0].text: row for row in subsets_table(aerosonde).rows}

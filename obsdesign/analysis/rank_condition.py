@@ -60,7 +60,7 @@ def observability_of(model: Model, at: ArrayLike | None = None, held: Mapping[st
     Generically: the outputs and their Lie derivatives along the drift and every known input, of which those are kept that
     raise the rank of the gradients, until a sweep adds none. At a point this may say too little: there the rank of the
     functions kept nearby is taken where it is as large as nearby, else that of all Lie derivatives as far as `ORDERS` and `NODES` go.
-    Source: Hermann and Krener 1977; Martinelli, IROS 2017, Algorithm 1; ALGORITHMS 1.1 and 1.7.
+    Source: Hermann and Krener 1977; Martinelli, IROS 2017, Algorithm 1.
     """
     _require_answerable(model)
     require_count("seed", seed, least=0)
