@@ -29,7 +29,7 @@ DUBINS = System(Dubins(speed=SPEED, wind="constant"), sensors=SENSORS)
 STRAIGHT = {"turn_rate": 0.0}
 POINT = (100.0, -300.0, 0.7, 3.0, -2.0)
 
-# Brace and Morgansen, recomputed exactly: sensors -> dimension for Sigma_U, Sigma_D turning, Sigma_D straight (g GPS, m magnetometer, r range, b bearing)
+# Brace and Morgansen, recomputed exactly: dimensions for Sigma_U, Sigma_D turning, Sigma_D straight
 BRACE = {
     **{"g": (5, 5, 4), "m": (1, 1, 1), "r": (4, 4, 3), "b": (4, 4, 3), "gm": (5, 5, 5), "gr": (5, 5, 4), "gb": (5, 5, 5)},
     **{"mr": (5, 5, 4), "mb": (5, 5, 4), "rb": (4, 4, 4), "gmr": (5, 5, 5), "gmb": (5, 5, 5), "grb": (5, 5, 5), "mrb": (5, 5, 5)},
