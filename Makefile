@@ -6,16 +6,13 @@ READY := $(VENV)/.ready
 SCENARIO ?= scenarios/aerosonde_wind.toml
 OUT ?= reports/$(basename $(notdir $(SCENARIO)))
 
-.PHONY: run test test-slow lint lock examples clean
+.PHONY: run test lint lock examples clean
 
 run: $(READY)
 	$(BIN)/obsdesign run $(SCENARIO) --out $(OUT)
 
 test: $(READY) lint
-	$(BIN)/python -m pytest -m "not slow"
-
-test-slow: $(READY)
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest
 
 lint: $(READY)
 	$(BIN)/ruff check .
