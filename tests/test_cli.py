@@ -193,7 +193,10 @@ def test_a_failed_solver_is_exit_code_3_with_its_status_and_no_number(tmp_path):
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_ctrl_c_leaves_no_file_and_no_process(jobs, tmp_path):
     write(tmp_path, ("starts = 2", "starts = 60"), ("pieces = 8", "pieces = 40"))
-    command = [sys.executable, "-m", "obsdesign", "run", "scenario.toml", "--jobs", jobs]
+    # where the tests themselves run in the background, SIGINT is ignored and children inherit that
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    code = f"{listen}\nfrom obsdesign.cli import main\nmain(['run', 'scenario.toml', '--jobs', '{jobs}'])"
+    command = [sys.executable, "-c", code]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     time.sleep(4)
     assert process.poll() is None
