@@ -185,7 +185,11 @@ def _workers(jobs: int) -> Iterator[Executor | None]:
     import signal
     from concurrent.futures import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN))
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
+    # workers inherit that Ctrl-C is ignored: this process alone answers it. The first task starts them all
+    answer = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    pool.submit(int)
+    signal.signal(signal.SIGINT, answer)
     try:
         yield pool
     except BaseException:
