@@ -1,4 +1,5 @@
-from .analysis.rank_condition import observability as observability
+from .analysis.polynomial import Polynomial as Polynomial
+from .analysis.question import observability as observability
 from .analysis.verdict import Verdict as Verdict
 from .constraints.goal import Goal as Goal
 from .constraints.keep_out import KeepOut as KeepOut

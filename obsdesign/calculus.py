@@ -35,3 +35,8 @@ def wrap(angle: np.ndarray) -> np.ndarray:
 def wrap_columns(values: np.ndarray, is_angle: np.ndarray) -> np.ndarray:
     """Return values (..., q) with the columns that are angles wrapped."""
     return np.where(is_angle, wrap(values), values)
+
+
+def bracket(first: ca.SX, second: ca.SX, x: ca.SX) -> ca.SX:
+    """[f, g] = (dg/dx) f - (df/dx) g for fields f, g (n, 1): L_[f,g] = L_f L_g - L_g L_f."""
+    return lie_derivative(second, x, first) - lie_derivative(first, x, second)

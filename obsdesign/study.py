@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from obsdesign.analysis.rank_condition import observability_of
+from obsdesign.analysis.question import observability_of
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.design.problem import Design, DesignProblem
 from obsdesign.design.shaping import design_trajectory

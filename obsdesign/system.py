@@ -174,6 +174,7 @@ class ControlAffineSystem(AbstractSystem):
     state: SX (n, 1) of symbols; names: n names; drift: SX (n, 1) or None; known, unknown: name -> SX (n, 1);
     outputs: name -> scalar SX, each one a sensor; sigmas: name -> standard deviation (default 1);
     angles: names of states and outputs that wrap.
+    An output may bear the name of the state that it measures.
     Raises InputError for wrong shapes, repeated names, free symbols, outputs that do not depend on the state.
     """
 
@@ -199,12 +200,15 @@ class ControlAffineSystem(AbstractSystem):
         self._check()
 
     def _check(self) -> None:
+        import casadi as ca
+
         n = self.state.numel()
         if not self.state.is_valid_input():
             raise InputError(f"state is {self.state}: must be a column of distinct SX symbols")
         if len(self.names) != n:
             raise InputError(f"names has {len(self.names)} entries: the state has {n}")
-        every = [*self.names, *self.known, *self.unknown, *self.outputs]
+        measured = {name for i, name in enumerate(self.names) if name in self.outputs and ca.is_equal(self.outputs[name], self.state[i])}
+        every = [*self.names, *self.known, *self.unknown, *(name for name in self.outputs if name not in measured)]
         repeated = sorted({name for name in every if every.count(name) > 1})
         if repeated:
             raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")

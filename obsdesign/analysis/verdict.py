@@ -16,10 +16,12 @@ class Verdict:
     observable_states, unobservable_states: names of the states that are seen by themselves, and of the others
     null_space (n, n - dimension): orthonormal basis of the hidden directions at the point `at` (n,)
     hidden: the same in words
-    ranks: dimension after 0, 1, 2, ... Lie derivatives, cut after the last growth
+    ranks: dimension after 0, 1, 2, ... steps of Lie derivatives, cut after the last growth
     disturbance, known_inputs: the class of unknown and of known inputs for which this holds
-    stopped_by: "full" (rank n) | "criterion" (a sweep added nothing) | "cap" (the generic rank is reached at the point)
-        | "stalled" (no growth for the orders tried, no proof) | "precision" (the precision limit)
+    stopped_by: "full" (rank n) | "criterion" (a sweep added nothing) | "cap" (as much as if the unknown
+        inputs were known; at a point: as much as nearby)
+        | "bound" (2n + 2 steps were made) | "stalled" (no growth for the orders tried, no proof) | "precision" (the precision limit)
+    generic: the verdict at generic points nearby, where a point was asked for and the two differ
     decided: False where nothing is claimed beyond the lower bound; proof: what was proven, and how
     """
 
@@ -36,3 +38,4 @@ class Verdict:
     stopped_by: str
     decided: bool
     proof: str
+    generic: Verdict | None = None

@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.analysis.rank_condition import observability
+from obsdesign.analysis.question import observability
 from obsdesign.checks import require_count
 from obsdesign.criteria.log_det import LogDet
 from obsdesign.design.caps import cap_of

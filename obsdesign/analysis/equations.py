@@ -1,0 +1,116 @@
+"""A model as the analysis reads it: bare expressions whose constants are symbols with exact values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+
+import casadi as ca
+
+from obsdesign.rank.constants import symbolise
+from obsdesign.rank.graph import instructions, is_rational
+from obsdesign.rank.taylor import Flow
+from obsdesign.system import Model
+
+Exact = tuple[Fraction, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs (q, 1); fields are SX (n, 1).
+
+    constants (c, 1): symbols for the numbers in all of these, with their values; extra: how many states come first that
+    were added, and are not asked for.
+    """
+
+    x: ca.SX
+    names: tuple[str, ...]
+    constants: ca.SX
+    values: Exact
+    drift: ca.SX
+    known: tuple[ca.SX, ...]
+    unknown: tuple[ca.SX, ...]
+    outputs: ca.SX
+    output_names: tuple[str, ...]
+    extra: int = 0
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.x.numel()
+
+    @property
+    def asked(self) -> int:
+        """Number of states that are asked for."""
+        return self.n - self.extra
+
+    @cached_property
+    def is_rational(self) -> bool:
+        """Whether all expressions are quotients of polynomials with rational coefficients."""
+        every = ca.vertcat(self.outputs, self.drift, *self.known, *self.unknown)
+        return is_rational(instructions(self.function(every)))
+
+    @cached_property
+    def flow(self) -> Flow:
+        """The equations with symbols for the inputs."""
+        u, w = ca.SX.sym("u", len(self.known)), ca.SX.sym("w", len(self.unknown))
+        pairs = [*zip(self.known, ca.vertsplit(u), strict=True), *zip(self.unknown, ca.vertsplit(w), strict=True)]
+        rate = self.drift + sum((field * symbol for field, symbol in pairs), ca.SX.zeros(self.n))
+        return Flow(self.x, u, w, self.constants, rate, self.outputs)
+
+    @property
+    def fields(self) -> tuple[ca.SX, ...]:
+        """Drift and known fields, those that vanish left out."""
+        return tuple(field for field in (self.drift, *self.known) if not field.is_zero())
+
+    def function(self, expression: ca.SX) -> ca.Function:
+        """Return (x, constants) -> expression."""
+        return ca.Function("expression", [self.x, self.constants], [ca.cse(expression)])
+
+    def with_all_known(self) -> Equations:
+        """Return the equations as they are for somebody who knows the unknown inputs."""
+        return replace(self, known=(*self.known, *self.unknown), unknown=())
+
+    def with_unknown(self, kept: Sequence[int]) -> Equations:
+        """Return the equations with some of the unknown inputs alone."""
+        return replace(self, unknown=tuple(self.unknown[j] for j in kept))
+
+
+def equations_of(model: Model) -> Equations:
+    """Return the model's equations with a symbol for every constant."""
+    n, q, m = model.x.numel(), len(model.outputs), len(model.inputs)
+    graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))))
+    fields = ca.horzsplit(ca.reshape(graph.expression[q:], n, -1))
+    return Equations(
+        x=model.x,
+        names=model.state_names,
+        constants=graph.constants,
+        values=graph.values,
+        drift=fields[0],
+        known=tuple(fields[1 : m + 1]),
+        unknown=tuple(fields[m + 1 :]),
+        outputs=graph.expression[:q],
+        output_names=tuple(signal.name for signal in model.outputs),
+    )
+
+
+def with_input_states(equations: Equations, levels: int) -> Equations:
+    """Return the equations with w, w', ..., w^(levels - 1) as states before x, and w^(levels) as the unknown input."""
+    p = len(equations.unknown)
+    jets = [ca.SX.sym(f"w{level}", p) for level in range(levels)]
+    n = equations.n + p * levels
+    added = ca.vertcat(*jets)
+    zeros = ca.SX.zeros(p * levels)
+    rate = equations.drift + sum((g * jets[0][j] for j, g in enumerate(equations.unknown)), ca.SX.zeros(equations.n))
+    top = p * (levels - 1)
+    return replace(
+        equations,
+        x=ca.vertcat(added, equations.x),
+        names=(*(f"w{level}_{j}" for level in range(levels) for j in range(p)), *equations.names),
+        drift=ca.vertcat(*jets[1:], ca.SX.zeros(p), rate),
+        known=tuple(ca.vertcat(zeros, field) for field in equations.known),
+        unknown=tuple(ca.SX([float(row == top + j) for row in range(n)]) for j in range(p)),
+        extra=p * levels,
+    )

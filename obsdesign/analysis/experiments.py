@@ -1,0 +1,151 @@
+"""What experiments from one state tell about it: Taylor coefficients of the outputs, with free unknown inputs eliminated.
+
+Let y_k (k = 0..K) be the Taylor coefficients of the outputs, w_k those of the unknown inputs, and J = [J_w J_x] the
+Jacobian of (y_0, ..., y_K) with respect to (w_0, ..., w_(K-1), x(0)). Combinations of rows without a part in w tell about
+the state alone: dimension = rank J - rank J_w. Known inputs are random polynomials in t: a generic smooth input
+distinguishes all that any input does (Sontag 1979); several of them under one w stand for switching.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import flint
+from flint import arb, nmod_mat
+
+from obsdesign.analysis.equations import Equations
+from obsdesign.analysis.places import Place, random_fractions, random_residues
+from obsdesign.rank.balls import Number
+from obsdesign.rank.elimination import Rank, rank_of
+from obsdesign.rank.graph import NoValueError
+from obsdesign.rank.residues import PRIME, independent_rows
+from obsdesign.rank.taylor import Arguments
+
+
+@dataclass(frozen=True, eq=False)
+class Experiments:
+    """Some experiments from one place: as many known inputs, one unknown input, Taylor coefficients up to `orders`."""
+
+    equations: Equations
+    place: Place
+    orders: int
+    count: int = 1
+    seed: int = 0
+
+    def _numbers(self, count: int, purpose: str) -> Sequence[Number]:
+        draw = random_residues if self.place.modular else random_fractions
+        return draw(count, f"{self.seed} {purpose}")
+
+    def _inputs(self, count: int, purpose: str) -> list[Sequence[Number]]:
+        # one sequence per input, whatever the orders: more orders continue the same input
+        return [self._numbers(self.orders + 1, f"{purpose} {i}") for i in range(count)]
+
+    @cached_property
+    def labels(self) -> tuple[tuple[int, int, int], ...]:
+        """For every row its (experiment, order, output)."""
+        q = self.equations.outputs.numel()
+        return tuple((c, k, i) for c in range(self.count) for k in range(self.orders + 1) for i in range(q))
+
+    @property
+    def row_orders(self) -> tuple[int, ...]:
+        """For every row the order of its derivative."""
+        return tuple(order for _, order, _ in self.labels)
+
+    @property
+    def eliminated(self) -> int:
+        """Number of columns that come first and are no part of the state that is asked for."""
+        return len(self.equations.unknown) * self.orders + self.equations.extra
+
+    def rows(self) -> list[list[Any]]:
+        """Return J at the working precision, its rows by experiment, order, output."""
+        arithmetic, equations = self.place.arithmetic, self.equations
+        number = arithmetic.number
+        unknown = [[number(value) for value in series] for series in self._inputs(len(equations.unknown), "unknown")]
+        rows: list[list[Any]] = []
+        for experiment in range(self.count):
+            known = [[number(value) for value in series] for series in self._inputs(len(equations.known), f"known {experiment}")]
+            arguments = Arguments(
+                x=[number(value) for value in self.place.state],
+                u=known,
+                w=unknown,
+                constants=[number(value) for value in equations.values],
+            )
+            for matrix in equations.flow.sensitivities(arithmetic, arguments, self.orders):
+                rows += matrix.tolist()
+        return rows
+
+    def completed(self) -> Experiments:
+        """Return as many experiments as it takes until more of them tell nothing more."""
+        fewer = self
+        while (more := replace(fewer, count=2 * fewer.count))._span() > fewer._span():
+            fewer = more
+        return fewer
+
+    def _span(self) -> int:
+        """Return rank J."""
+        if self.place.modular:
+            return self._modular_rank(self.orders, slice(None))
+        width = len(self.equations.unknown) * self.orders + self.equations.n
+        return self._rank(range(len(self.labels)), 0, width).rank
+
+    # ------------------------------------------------ modulo the prime
+
+    @cached_property
+    def _residues(self) -> list[list[Any]]:
+        return self.rows()
+
+    def _modular_rank(self, order: int, columns: slice) -> int:
+        rows = [row[columns] for row, k in zip(self._residues, self.row_orders, strict=True) if k <= order]
+        return nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME).rank() if rows and rows[0] else 0
+
+    def total(self, order: int) -> int:
+        """Return rank J - rank of its part in w, added states included, with derivatives up to the order (modulo the prime)."""
+        inputs = len(self.equations.unknown) * self.orders
+        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(inputs))
+
+    def dimension(self, order: int) -> int:
+        """Return rank J - rank of its eliminated part, with derivatives up to the order (modulo the prime)."""
+        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.eliminated))
+
+    def independent(self, order: int) -> tuple[tuple[int, int, int], ...]:
+        """Return the labels of the first independent rows up to the order (modulo the prime)."""
+        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
+        chosen.sort(key=lambda i: self.row_orders[i])
+        return tuple(self.labels[chosen[i]] for i in independent_rows([self._residues[i] for i in chosen]))
+
+    # ------------------------------------------------ in balls
+
+    def rank(self, order: int | None = None, only: Sequence[tuple[int, int, int]] | None = None) -> Rank:
+        """Return the rank of what the rows (up to the order, or only some) tell about the state that is asked for."""
+        chosen = [i for i, label in enumerate(self.labels) if (label in only if only is not None else label[1] <= (order or 0))]
+        return self._rank(chosen, self.eliminated, self.equations.asked)
+
+    def total_rank(self, order: int) -> Rank:
+        """Return the rank of what the rows up to the order tell about the state, added states included."""
+        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
+        return self._rank(chosen, len(self.equations.unknown) * self.orders, self.equations.n)
+
+    def _rank(self, chosen: Sequence[int], eliminated: int, n: int) -> Rank:
+        def rows() -> list[list[arb]]:
+            every = self._ball_rows()
+            return [every[i] for i in chosen]
+
+        try:
+            return rank_of(rows, n, eliminated, stages=[self.row_orders[i] for i in chosen])
+        except NoValueError as error:
+            _, order, output = self.labels[chosen[error.row]]
+            what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
+            raise NoValueError(error.row, f"{what} at {self.place.in_words(self.equations.names)}") from None
+
+    @cached_property
+    def _cache(self) -> dict[int, list[list[Any]]]:
+        return {}
+
+    def _ball_rows(self) -> list[list[arb]]:
+        bits = flint.ctx.prec
+        if bits not in self._cache:
+            self._cache[bits] = self.rows()
+        return self._cache[bits]

@@ -1,0 +1,166 @@
+"""The observable space at a generic state: which engine answers which question."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import islice
+
+import casadi as ca
+from flint import arb
+
+from obsdesign.analysis.equations import Equations, with_input_states
+from obsdesign.analysis.experiments import Experiments
+from obsdesign.analysis.finding import Finding, cut, finding_of
+from obsdesign.analysis.growth import Growth, generic_growth, require_value
+from obsdesign.analysis.jets import jets_finding
+from obsdesign.analysis.places import Place, Surroundings, modular_place
+from obsdesign.analysis.recursion import brackets_leave_rates_alone, recursion
+from obsdesign.analysis.rescaled import Rescaled, rescale
+from obsdesign.analysis.words import Space, TooLargeError, sweeps
+from obsdesign.rank.elimination import rank_at, rank_of, values_at
+from obsdesign.rank.graph import NoValueError
+
+LEVELS = 2
+"""Derivatives of the unknown inputs that are taken into the state where the outputs do not give the inputs away."""
+
+
+def generic_finding(equations: Equations, smooth: bool, around: Surroundings) -> Finding:
+    """Return what is observable at a generic state.
+
+    smooth: one smooth known input instead of any, switching ones included.
+    """
+    if not equations.unknown:
+        return _known(equations, around)
+    cap = generic_growth(equations.with_all_known(), around)
+    if smooth or not equations.known:
+        return finding_of(generic_growth(equations, around), cap.dimension)
+    told = equations.with_unknown(_felt(equations, cap))
+    return _switched(told, cap.dimension, around) if told.unknown else _known(told, around)
+
+
+def _known(equations: Equations, around: Surroundings) -> Finding:
+    growth = generic_growth(equations, around)
+    finding = finding_of(growth)
+    if len(equations.fields) < 2:
+        return finding
+    space = Space(equations, _working_place(equations, growth))
+    return _counted(finding, sweeps(space, equations.outputs, equations.fields))
+
+
+def _working_place(equations: Equations, growth: Growth) -> Place:
+    """Return where expressions are evaluated: modulo the prime, if the growth was found there."""
+    return modular_place(equations.n, 0) if growth.modular else growth.place
+
+
+def _counted(finding: Finding, steps: Iterable[int]) -> Finding:
+    """Return the finding with the dimensions of steps that end at its dimension, if these can be counted."""
+    ranks: list[int] = []
+    try:
+        for rank in islice(steps, 4 * finding.rank.null_space.shape[0] + 4):
+            ranks.append(rank)
+            if rank >= finding.dimension:
+                break
+    except (TooLargeError, NoValueError, ZeroDivisionError):
+        return finding
+    if ranks[-1] == finding.dimension:
+        return replace(finding, ranks=cut(ranks))
+    # two ways of computing the same number differ: nothing is claimed
+    what = f"not decided: Lie derivatives one by one give {ranks[-1]}, all at once {finding.dimension}"
+    return Finding(finding.rank, finding.place, finding.ranks, "stalled", what)
+
+
+def _felt(equations: Equations, cap: Growth) -> list[int]:
+    """Return the unknown inputs that change what is observable to those who know them: the others change no output at all."""
+    experiments = Experiments(equations.with_all_known(), cap.place, cap.order, seed=0)
+    inputs = equations.function(ca.densify(ca.horzcat(*equations.unknown)))
+
+    def effects(column: int) -> list[list[arb]]:
+        values = values_at(inputs, (cap.place.state, equations.values))
+        return [[sum((row[i] * values[i][column] for i in range(equations.n)), arb(0))] for row in experiments.rows()]
+
+    return [j for j in range(len(equations.unknown)) if rank_of(lambda j=j: effects(j), 1).rank]
+
+
+def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
+    """Return what is observable under known inputs of any kind, from the equations rescaled by what the outputs give away.
+
+    Where they do not give all unknown inputs away, these and some of their derivatives become states, and the next
+    derivatives are the unknown inputs. What comes out must not be less than what jets prove.
+    """
+    finding = _rescaled(equations, cap, around)
+    if finding:
+        return finding
+    bound = jets_finding(equations, False, around, enough=min(cap, equations.asked))
+    if bound.decided:
+        return bound
+    for level in range(1, LEVELS + 1):
+        extended = with_input_states(equations, level)
+        finding = _rescaled(extended, cap, around)
+        if finding and finding.decided and finding.dimension >= bound.dimension:
+            return replace(finding, place=Place(finding.place.state[extended.extra :]))
+    return bound
+
+
+def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding | None:
+    """Return what is observable for a canonic system; None where it is not, or not seen to be."""
+    for place in around.places(equations.extra):
+        try:
+            require_value(equations, place)
+            modular = equations.is_rational and not around.alone
+            space = Space(equations, modular_place(equations.n, around.seed) if modular else place)
+            rescaled = rescale(space)
+            return _canonic(space, rescaled, cap, around) if rescaled else None
+        except TooLargeError:
+            return None
+        except (NoValueError, ZeroDivisionError):
+            continue
+    return None
+
+
+def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -> Finding:
+    """Return Omega*, the smallest codistribution with the functions and the switched rates that all fields leave invariant.
+
+    It is that if the tensor T belongs to it, or if no autobracket changes the rates. Else the recursion goes on step by step.
+    """
+    told = generic_growth(rescaled.known_equations(rescaled.switched_rates), around)
+    asked = rescaled.equations.asked
+    ended = told.dimension in (cap, asked) or not told.decided
+    most = told.dimension if ended else generic_growth(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around).dimension
+    if told.dimension == most or brackets_leave_rates_alone(space, rescaled):
+        finding = finding_of(told, cap)
+        return finding if rescaled.equations.extra else _counted(finding, (kept.numel() for kept in recursion(space, rescaled)))
+    return _by_recursion(space, rescaled, most, cap, around)
+
+
+def _by_recursion(space: Space, rescaled: Rescaled, most: int, cap: int, around: Surroundings) -> Finding:
+    """Return Omega_m for the first m at which it is as large as possible, or stalls with T in it, or for m = 2n + 2."""
+    equations = rescaled.equations
+    ranks: list[int] = []
+    stopped_by, why = "stalled", "not decided: expressions grew too large for the recursion to be followed to its end"
+    kept = rescaled.functions
+    try:
+        for kept in recursion(space, rescaled):
+            ranks.append(kept.numel())
+            if kept.numel() >= most:
+                stopped_by, why = "cap", "no more is possible: the space is as large as with the tensor T in it"
+            elif len(ranks) > 2 and ranks[-1] == ranks[-2] and space.telling(ca.vertcat(kept, rescaled.tensor)).chosen[-1] < kept.numel():
+                stopped_by, why = "criterion", f"no more: step {len(ranks) - 1} adds nothing and the tensor T belongs to the space"
+            elif len(ranks) > 2 * equations.n + 2:
+                stopped_by, why = "bound", f"no more: {len(ranks) - 1} = 2n + 2 steps were made"
+            if stopped_by != "stalled":
+                break
+    except TooLargeError:
+        pass
+    for place in around.places(equations.extra):
+        try:
+            gradients = equations.function(ca.cse(ca.jacobian(kept, equations.x)))
+            rank = rank_at(gradients, (place.state, equations.values), eliminated=equations.extra)
+        except NoValueError:
+            continue
+        if rank.rank == equations.asked:
+            stopped_by, why = "full", "no more is possible"
+        elif rank.rank == cap:
+            stopped_by, why = "cap", "no more is possible: it is as much if the inputs are known"
+        return Finding(rank, place, cut(ranks), stopped_by, why)
+    raise NoValueError(0, "no random point was found where everything")

@@ -1,0 +1,139 @@
+"""How far the observable space grows with the order of derivatives, at a generic state: exact, because it ends where it stalls.
+
+Along a generic solution the derivatives of what is known about the state give more, or will never give more: let P_k be the
+combinations of (dy, ..., dy^(k)) without a part in the unknown inputs. P_(k+1) contains P_k and the derivatives of those of
+its elements that no unknown input enters; if it equals P_k, that is invariant, and P_k is all there ever is. The same space
+as the weakly unobservable subspace of the linear time-varying system along the solution leaves over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import casadi as ca
+
+from obsdesign.analysis.equations import Equations
+from obsdesign.analysis.experiments import Experiments
+from obsdesign.analysis.places import Place, Surroundings, modular_place
+from obsdesign.errors import InputError
+from obsdesign.rank.elimination import Rank, rank_at
+from obsdesign.rank.graph import NoValueError
+
+_SEEDS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """dimensions[k]: of the observable space with derivatives up to order k; rank: of the last, in balls, at `place`.
+
+    decided: False where the precision limit was reached; modular: whether the dimensions were found modulo the prime.
+    """
+
+    dimensions: tuple[int, ...]
+    rank: Rank
+    place: Place
+    decided: bool
+    modular: bool
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the observable space."""
+        return self.dimensions[-1]
+
+    @property
+    def order(self) -> int:
+        """Highest order of derivative taken."""
+        return len(self.dimensions) - 1
+
+
+def require_value(equations: Equations, place: Place) -> None:
+    """Raise NoValueError, with what is to blame, unless outputs, their gradients and the fields have a value at the place."""
+    gradient = ca.jacobian(equations.outputs, equations.x)
+    fields = [equations.drift, *equations.known, *equations.unknown]
+    outputs = [f"output {name!r}" for name in equations.output_names]
+    rates = [f"the rate of {name}" for _ in fields for name in equations.names]
+    checks = [(ca.vertcat(equations.outputs, *fields), outputs + rates), (gradient, [f"the gradient of {output}" for output in outputs])]
+    for expression, labels in checks:
+        try:
+            rank_at(equations.function(expression), (place.state, equations.values))
+        except NoValueError as error:
+            raise NoValueError(error.row, f"{labels[error.row]} at {place.in_words(equations.names)}") from None
+
+
+def generic_growth(equations: Equations, around: Surroundings) -> Growth:
+    """Return the growth at the first of the random places where everything has a value."""
+    seed = around.seed
+    found = _modular_growth(equations, seed) if equations.is_rational and not around.alone else None
+    failure: Exception | None = None
+    for place in around.places(equations.extra):
+        try:
+            require_value(equations, place)
+            growth = growth_at(equations, place, seed) if found is None else _confirmed(equations, place, seed, found)
+        except NoValueError as error:
+            failure = error
+            continue
+        if growth:
+            return growth
+    raise InputError(f"no random point was found in the domain of every function ({failure}): give a point")
+
+
+def growth_at(equations: Equations, place: Place, seed: int) -> Growth:
+    """Return the growth at a place that is generic (on its orbit), in balls."""
+    dimensions: list[int] = []
+    last = 0
+    for orders in _orders(equations):
+        experiments = Experiments(equations, place, orders, seed=seed)
+        for order in range(len(dimensions), orders + 1):
+            rank = experiments.rank(order)
+            dimensions.append(rank.rank)
+            total = experiments.total_rank(order).rank if equations.extra else rank.rank
+            if rank.rank == equations.asked or not rank.decided or (order > 0 and total == last):
+                return Growth(tuple(dimensions), rank, place, rank.decided or rank.rank == equations.asked, modular=False)
+            last = total
+    raise AssertionError("the observable space grew more often than it has dimensions")
+
+
+def _modular_growth(equations: Equations, seed: int) -> tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]:
+    """Return the dimensions by order, and the labels of independent rows, at a random place modulo the prime."""
+    for attempt in range(_SEEDS):
+        try:
+            return _dimensions_modulo(equations, modular_place(equations.n, seed + attempt), seed + attempt)
+        except ZeroDivisionError:
+            continue
+    raise InputError("no random point was found that is no pole of some function: give a point")
+
+
+def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]:
+    dimensions: list[int] = []
+    last = 0
+    for orders in _orders(equations):
+        experiments = Experiments(equations, place, orders, seed=seed)
+        for order in range(len(dimensions), orders + 1):
+            dimensions.append(experiments.dimension(order))
+            total = experiments.total(order)
+            if dimensions[-1] == equations.asked or (order > 0 and total == last):
+                return tuple(dimensions), experiments.independent(order)
+            last = total
+    raise AssertionError("the observable space grew more often than it has dimensions")
+
+
+def _orders(equations: Equations) -> Iterator[int]:
+    """Yield 2, 4, 8, ..., n + 1: by then the growth has ended."""
+    limit = equations.n + 1
+    orders = 2
+    while orders < limit:
+        yield orders
+        orders *= 2
+    yield limit
+
+
+def _confirmed(
+    equations: Equations, place: Place, seed: int, found: tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]
+) -> Growth | None:
+    """Return the growth with its null space at a real place; None where the place happens to show less."""
+    dimensions, labels = found
+    rank = Experiments(equations, place, len(dimensions) - 1, seed=seed).rank(only=labels)
+    if rank.rank != dimensions[-1]:
+        return None
+    return Growth(dimensions, replace(rank, decided=True), place, decided=True, modular=True)

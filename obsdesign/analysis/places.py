@@ -1,0 +1,113 @@
+"""Where ranks are taken: random states, a state that was asked for, and states that can be reached from it."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.errors import InputError
+from obsdesign.rank.balls import BALLS, Number
+from obsdesign.rank.constants import as_rational
+from obsdesign.rank.graph import Arithmetic
+from obsdesign.rank.residues import PRIME, RESIDUES
+
+Exact = tuple[Fraction, ...]
+
+# Where random points are looked for: inside the domain of sqrt, log, acos and acosh first. Corners are whole numbers.
+_BOXES = ((0, 1), (-1, 1), (1, 3), (-3, -1), (-100, 100), (0, 1000))
+_DRAWS_PER_BOX = 3
+_NEARNESS = (Fraction(1, 2**10), Fraction(1, 2**20), Fraction(1, 2**30))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A state (n,): rationals, balls, or whole numbers modulo the prime."""
+
+    state: tuple[Number, ...]
+    modular: bool = False
+
+    @property
+    def arithmetic(self) -> Arithmetic:
+        """What to calculate with here."""
+        return RESIDUES if self.modular else BALLS
+
+    @property
+    def midpoint(self) -> np.ndarray:
+        """The state in doubles (n,)."""
+        return np.array([float(value) for value in self.state])
+
+    def in_words(self, names: Sequence[str]) -> str:
+        """Say where it is."""
+        return ", ".join(f"{name} = {float(value):g}" for name, value in zip(names, self.state, strict=True))
+
+
+def modular_place(n: int, seed: int) -> Place:
+    """Return a random state modulo the prime."""
+    return Place(tuple(random_residues(n, seed)), modular=True)
+
+
+def random_residues(count: int, seed: int | str) -> list[int]:
+    """Return random whole numbers in [1, prime)."""
+    generator = random.Random(f"residues {seed}")
+    return [generator.randrange(1, PRIME) for _ in range(count)]
+
+
+def random_fractions(count: int, seed: int | str) -> list[Fraction]:
+    """Return random rationals k / 2^20 with 1/4 <= |value| <= 1: of one size, none near 0."""
+    generator = random.Random(f"fractions {seed}")
+    return [Fraction(generator.choice((-1, 1)) * generator.randrange(2**18, 2**20), 2**20) for _ in range(count)]
+
+
+def random_places(n: int, seed: int) -> Iterator[Place]:
+    """Yield random states (n,) with entries k / 2^20, exact in double precision, from one box after another."""
+    generator = np.random.default_rng(seed)
+    for low, high in _BOXES:
+        for _ in range(_DRAWS_PER_BOX):
+            yield Place(tuple(low + (high - low) * Fraction(int(k), 2**20) for k in generator.integers(1, 2**20, n)))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Where generic states are looked for: anywhere, or (`centre`) nearer and nearer to a state; or just there (`alone`).
+
+    alone: the centre is itself generic among the states that matter, such as those that can be reached.
+    """
+
+    n: int
+    seed: int
+    centre: Place | None = None
+    alone: bool = False
+
+    def places(self, extra: int = 0) -> Iterator[Place]:
+        """Yield random states (extra + n,)."""
+        if self.centre is None:
+            yield from random_places(extra + self.n, self.seed)
+            return
+        for attempt, radius in enumerate((Fraction(0),) if self.alone else _NEARNESS):
+            steps = random_fractions(self.n, f"{self.seed} step {attempt}")
+            state = [_moved(value, radius * step) for value, step in zip(self.centre.state, steps, strict=True)]
+            yield Place((*random_fractions(extra, f"{self.seed} extra {attempt}"), *state))
+
+
+def _moved(value: Number, step: Fraction) -> Number:
+    return value if step == 0 or not isinstance(value, Fraction) else value + (1 + abs(value)) * step
+
+
+def as_place(names: Sequence[str], at: ArrayLike) -> Place:
+    """Return the point as the rationals that were meant, like the constants of the model; raise InputError unless (n,) and finite."""
+    try:
+        values = np.array(at, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"at is {at!r}: must be {len(names)} numbers for {', '.join(names)}") from None
+    if values.shape != (len(names),):
+        raise InputError(f"at has shape {values.shape}: must be ({len(names)},) for {', '.join(names)}")
+    for name, value in zip(names, values, strict=True):
+        if not math.isfinite(value):
+            raise InputError(f"at: {name} is {value}: must be finite")
+    return Place(tuple(as_rational(float(value)) for value in values))

@@ -1,0 +1,190 @@
+"""Ball arithmetic: numbers and power series with a midpoint and a proven radius.
+
+Source: F. Johansson, "Arb: efficient arbitrary-precision midpoint-radius interval arithmetic", 2017.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+
+import casadi as ca
+from flint import arb, arb_mat, arb_series, fmpq
+
+from obsdesign.rank.graph import Arithmetic, NotExactError, is_short
+
+PRECISIONS = (256, 512, 1024, 2048, 4096)
+"""Working precisions [bits], tried in turn."""
+
+Ball = arb | arb_series
+Number = Fraction | int | arb
+
+
+def as_ball(value: Number) -> arb:
+    """Return the number at the working precision."""
+    return value if isinstance(value, arb) else arb(fmpq(value.numerator, value.denominator))
+
+
+def lead(a: Ball) -> arb:
+    """Return the value at t = 0: what decides the branch of a function with pieces."""
+    return a[0] if isinstance(a, arb_series) else a
+
+
+def is_finite(a: Ball) -> bool:
+    """Return whether every coefficient is a finite ball."""
+    return all(entry.is_finite() for entry in a.coeffs()) if isinstance(a, arb_series) else a.is_finite()
+
+
+def _truth(yes: bool, no: bool) -> arb:
+    return arb(1) if yes else arb(0) if no else arb.nan()
+
+
+def _apart(a: Ball, b: Ball | int = 0) -> bool:
+    difference = lead(a) - (b if isinstance(b, int) else lead(b))
+    return difference < 0 or difference > 0
+
+
+def _less(a: Ball, b: Ball) -> bool:
+    return bool(lead(a) < lead(b))
+
+
+def _sign(a: Ball) -> arb:
+    value = lead(a)
+    return arb(1) if value > 0 else arb(-1) if value < 0 else arb.nan()
+
+
+def _floor(a: Ball) -> arb:
+    value = lead(a)
+    return arb.nan() if value.contains_integer() else value.floor()
+
+
+def _truncated(a: Ball) -> arb:
+    value = lead(a)
+    return arb(0) if abs(value) < 1 else _floor(value) if value > 0 else -_floor(-value)
+
+
+def _quotient(a: Ball, b: Ball) -> Ball:
+    return a / b if _apart(b) else arb.nan()
+
+
+def _power(a: Ball, b: Ball) -> Ball:
+    if isinstance(a, arb) and isinstance(b, arb):
+        return a**b
+    whole = b.unique_fmpz() if isinstance(b, arb) else None
+    if whole is not None and abs(whole) < 2**20:
+        return _whole_power(a, int(whole))
+    return _exp(b * _log(a)) if lead(a) > 0 else arb.nan()
+
+
+def _whole_power(a: Ball, exponent: int) -> Ball:
+    return a**exponent if exponent >= 0 else _quotient(arb(1), a**-exponent)
+
+
+def _by_method(name: str) -> Callable[[Ball], Ball]:
+    """Return the function of that name, nan where its value or its derivative is not finite: a series of such has no meaning."""
+    scalar, series = getattr(arb, name), getattr(arb_series, name, None)
+
+    def function(a: Ball) -> Ball:
+        if isinstance(a, arb):
+            return scalar(a)
+        if series is None:
+            raise NotExactError(f"the function {name} cannot be evaluated on power series: write it with others")
+        return series(a) if scalar(lead(a)).is_finite() else arb.nan()
+
+    return function
+
+
+_exp, _log, _sqrt = _by_method("exp"), _by_method("log"), _by_method("sqrt")
+_SERIES_FORMS: Mapping[str, Callable[[arb_series], Ball]] = {
+    "expm1": lambda a: _exp(a) - 1,
+    "log1p": lambda a: _log(1 + a),
+    "sinh": lambda a: (_exp(a) - _exp(-a)) / 2,
+    "cosh": lambda a: (_exp(a) + _exp(-a)) / 2,
+    "tanh": lambda a: 1 - 2 / (_exp(2 * a) + 1),
+    "asinh": lambda a: lead(a).asinh() + _integral(a, _sqrt(1 + a * a)),
+    "acosh": lambda a: _log(a + _sqrt(a - 1) * _sqrt(a + 1)),
+    "atanh": lambda a: (_log(1 + a) - _log(1 - a)) / 2,
+}
+
+
+def _integral(a: arb_series, divisor: Ball) -> Ball:
+    """Return int a' / divisor dt, 0 at t = 0."""
+    quotient = _quotient(a.derivative(), divisor)
+    return quotient.integral() if isinstance(quotient, arb_series) else quotient
+
+
+def _function(name: str) -> Callable[[Ball], Ball]:
+    by_method, form = _by_method(name), _SERIES_FORMS.get(name)
+    return (lambda a: form(a) if isinstance(a, arb_series) else by_method(a)) if form else by_method
+
+
+def _angle(a: Ball, b: Ball) -> Ball:
+    """Return atan2(a, b)."""
+    start = arb.atan2(lead(a), lead(b)) if _apart(a) or _apart(b) else arb.nan()
+    if isinstance(a, arb) and isinstance(b, arb):
+        return start
+    rise, run = (c if isinstance(c, arb_series) else arb_series([c]) for c in (a, b))
+    rate = _quotient(rise.derivative() * run - rise * run.derivative(), rise * rise + run * run)
+    return start + (rate.integral() if isinstance(rate, arb_series) else rate)
+
+
+_NAMES = (
+    *("sqrt", "exp", "expm1", "log", "log1p", "erf", "erfinv", "sin", "cos", "tan"),
+    *("asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+)
+# What has no smooth value (a comparison of equals, the kink of a norm, a pole) is nan, and nan spreads to the result.
+OPERATIONS: Mapping[int, Callable[..., Ball]] = {
+    ca.OP_ADD: lambda a, b: a + b,
+    ca.OP_SUB: lambda a, b: a - b,
+    ca.OP_MUL: lambda a, b: a * b,
+    ca.OP_DIV: _quotient,
+    ca.OP_NEG: lambda a: -a,
+    ca.OP_INV: lambda a: _quotient(arb(1), a),
+    ca.OP_SQ: lambda a: a * a,
+    ca.OP_TWICE: lambda a: a + a,
+    ca.OP_POW: _power,
+    ca.OP_CONSTPOW: _power,
+    **{getattr(ca, f"OP_{name.upper()}"): _function(name) for name in _NAMES},
+    ca.OP_ATAN2: _angle,
+    ca.OP_HYPOT: lambda a, b: _sqrt(a * a + b * b),
+    ca.OP_FABS: lambda a: a * _sign(a),
+    ca.OP_SIGN: _sign,
+    ca.OP_COPYSIGN: lambda a, b: a * _sign(a) * _sign(b),
+    ca.OP_FMIN: lambda a, b: a if _less(a, b) else b if _less(b, a) else arb.nan(),
+    ca.OP_FMAX: lambda a, b: a if _less(b, a) else b if _less(a, b) else arb.nan(),
+    ca.OP_FLOOR: _floor,
+    ca.OP_CEIL: lambda a: -_floor(-a),
+    ca.OP_FMOD: lambda a, b: a - b * _truncated(_quotient(a, b)),
+    ca.OP_REMAINDER: lambda a, b: a - b * _floor(_quotient(a, b) + arb(0.5)),
+    ca.OP_LT: lambda a, b: _truth(_less(a, b), _less(b, a)),
+    ca.OP_LE: lambda a, b: _truth(_less(a, b), _less(b, a)),
+    ca.OP_EQ: lambda a, b: _truth(False, _apart(a, b)),
+    ca.OP_NE: lambda a, b: _truth(_apart(a, b), False),
+    ca.OP_NOT: lambda a: _truth(a.is_zero(), _apart(a)),
+    ca.OP_AND: lambda a, b: _truth(_apart(a) and _apart(b), a.is_zero() or b.is_zero()),
+    ca.OP_OR: lambda a, b: _truth(_apart(a) or _apart(b), a.is_zero() and b.is_zero()),
+    ca.OP_IF_ELSE_ZERO: lambda a, b: arb(0) if a.is_zero() else b if _apart(a) else arb.nan(),
+    ca.OP_PRINTME: lambda a, _: a,
+}
+# The two irrational numbers that CasADi writes into derivatives, of erf and erfinv.
+IRRATIONAL = {2 / math.sqrt(math.pi): lambda: 2 / arb.pi().sqrt(), math.sqrt(math.pi) / 2: lambda: arb.pi().sqrt() / 2}
+
+
+def _constant(value: float) -> arb:
+    if value in IRRATIONAL:
+        return IRRATIONAL[value]()
+    if math.isfinite(value) and not is_short(value):
+        raise NotExactError(f"the constant {value!r} of an expression may have been rounded: it has more than 45 bits, see symbolise")
+    return arb(value)
+
+
+BALLS = Arithmetic(
+    constant=_constant,
+    operations=OPERATIONS,
+    number=as_ball,
+    series=arb_series,
+    coefficients=lambda a: a.coeffs() if isinstance(a, arb_series) else [a],
+    matrix=arb_mat,
+)
+"""Midpoint-radius numbers and series in t at the working precision `flint.ctx.prec`; series have `flint.ctx.cap` terms."""

@@ -1,0 +1,181 @@
+"""Ranks in ball arithmetic: at least r because an r x r minor's ball excludes 0, at most r as far as the precision reaches."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import flint
+import numpy as np
+from flint import arb
+
+from obsdesign.rank.balls import BALLS, PRECISIONS, Number, as_ball, is_finite
+from obsdesign.rank.graph import Instruction, NoValueError, evaluate, instructions
+
+Rows = list[list[arb]]
+
+
+@dataclass(frozen=True, eq=False)
+class Rank:
+    """Rank of a matrix (m, n) at a point: at least `rank` by proof; where not `decided`, perhaps more.
+
+    bits: precision used; rows, columns: of the pivots, in order; null_space (n, n - rank): orthonormal basis of what the
+    pivots' rows annihilate, a row of it exactly 0 where the column's unit covector is in the row space;
+    smallest_pivot, largest_remainder: what was told from 0 and what was not, relative to rows and columns scaled to 1.
+    """
+
+    rank: int
+    decided: bool
+    bits: int
+    smallest_pivot: float
+    largest_remainder: float
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    null_space: np.ndarray
+
+
+def rank_at(matrix: ca.Function, arguments: Sequence[Sequence[Number]], stages: Sequence[int] | None = None, eliminated: int = 0) -> Rank:
+    """Return the rank of matrix(arguments) (m, eliminated + n), doubling the precision until it is decided or the limit reached.
+
+    stages: a number per row; pivots come from rows of a lower stage as long as these have any; eliminated: see `rank_of`.
+    Raises NoValueError where a row has no finite value at any precision, NotExactError.
+    """
+    graph = instructions(matrix)
+    return rank_of(lambda: values_at(matrix, arguments, graph), matrix.size2_out(0) - eliminated, eliminated, stages)
+
+
+def rank_of(
+    rows_at_precision: Callable[[], Rows],
+    n: int,
+    eliminated: int = 0,
+    stages: Sequence[int] | None = None,
+    precisions: Sequence[int] = PRECISIONS,
+) -> Rank:
+    """Return the rank of rows (m, eliminated + n) that are made anew at each precision, as far as it goes beyond `eliminated` columns.
+
+    It is the rank of the combinations of rows in which the first `eliminated` columns vanish: of those in the other n columns.
+    Raises NoValueError where a row has no finite value at any precision.
+    """
+    rank, failed = None, []
+    for bits in precisions:
+        with flint.ctx.workprec(bits):
+            rows = rows_at_precision()
+            failed = [i for i, row in enumerate(rows) if not all(is_finite(entry) for entry in row)]
+            rank = None if failed else _beyond(rows, eliminated, n, stages)
+        if rank and rank.decided:
+            break
+    if rank is None:
+        raise NoValueError(failed[0], f"row {failed[0]} of the matrix")
+    return rank
+
+
+def values_at(matrix: ca.Function, arguments: Sequence[Sequence[Number]], graph: Sequence[Instruction] | None = None) -> Rows:
+    """Return the matrix (m, n) at the working precision; graph: its instructions, where they are at hand."""
+    shape = matrix.sparsity_out(0)
+    balls = [[as_ball(value) for value in argument] for argument in arguments]
+    rows = [[arb(0)] * shape.size2() for _ in range(shape.size1())]
+    for entry, i, j in zip(evaluate(graph or instructions(matrix), balls, BALLS), shape.row(), shape.get_col(), strict=True):
+        rows[i][j] = entry
+    return rows
+
+
+def _beyond(rows: Rows, eliminated: int, n: int, stages: Sequence[int] | None) -> Rank:
+    stages = stages or [0] * len(rows)
+    if not eliminated:
+        return _eliminate(rows, n, stages)
+    # numbers are scaled before the first elimination: rows by their size, so that thin means the same for all
+    rows = [_scaled(row, [_exponent(row)] * len(row)) for row in rows]
+    reduced, pivots, _ = _reduced(rows, range(eliminated), [0] * len(rows))
+    kept = [i for i in range(len(rows)) if i not in pivots.values()]
+    rank = _eliminate([reduced[i][eliminated:] for i in kept], n, [stages[i] for i in kept])
+    vanished = all(entry.abs_upper() <= _thin() for i in kept for entry in reduced[i][:eliminated])
+    return replace(rank, decided=rank.decided and vanished, rows=tuple(kept[i] for i in rank.rows))
+
+
+def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:
+    """Gauss-Jordan elimination with full pivoting within each stage, on rows and columns scaled by powers of 2."""
+    rows = [_scaled(row, [_exponent(row)] * n) for row in rows]
+    widths = [_exponent([row[j] for row in rows]) for j in range(n)]
+    rows, pivots, smallest = _reduced([_scaled(row, widths) for row in rows], range(n), stages)
+    free = [j for j in range(n) if j not in pivots]
+    left = [rows[i][j].abs_upper() for i in range(len(rows)) if i not in pivots.values() for j in free]
+    zeros = [rows[i][j].abs_upper() for i in pivots.values() for j in free if 0 in rows[i][j]]
+    return Rank(
+        rank=len(pivots),
+        decided=all(size <= _thin() for size in left + zeros),
+        bits=flint.ctx.prec,
+        smallest_pivot=smallest,
+        largest_remainder=max(map(float, left), default=0.0),
+        rows=tuple(pivots.values()),
+        columns=tuple(pivots),
+        null_space=_orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
+    )
+
+
+def _thin() -> arb:
+    """What is left around 0 counts as 0 where it is thinner than this."""
+    return arb(2) ** (-flint.ctx.prec // 2)
+
+
+def _reduced(rows: Rows, columns: range, stages: Sequence[int]) -> tuple[Rows, dict[int, int], float]:
+    """Return the rows with as many of the columns as possible cleared, {column: row} of the pivots, the smallest of them."""
+    pivots: dict[int, int] = {}
+    smallest = math.inf
+    while pivot := _pivot(rows, pivots, columns, stages):
+        row, column = pivot
+        smallest = min(smallest, float(rows[row][column].abs_lower()))
+        rows = _cleared(rows, row, column)
+        pivots[column] = row
+    return rows, pivots, smallest
+
+
+def _exponent(entries: Sequence[arb]) -> int:
+    """Return the least e with |entry| <= 2^e, as far as the entries exclude 0: balls around 0 are not blown up."""
+    mantissa, exponent = max((entry.abs_lower() for entry in entries), default=arb(0)).man_exp()
+    return int(exponent) + int(mantissa).bit_length()
+
+
+def _scaled(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
+    """Return the row with entry j divided by 2^exponents[j], exactly."""
+    return [entry * arb((1, -exponent)) for entry, exponent in zip(row, exponents, strict=True)]
+
+
+def _pivot(rows: Rows, pivots: Mapping[int, int], columns: range, stages: Sequence[int]) -> tuple[int, int] | None:
+    """Return row and column of the entry farthest from 0 in the lowest stage with an entry that excludes 0."""
+    used = set(pivots.values())
+    rows_left = [i for i in range(len(rows)) if i not in used]
+    for stage in sorted({stages[i] for i in rows_left}):
+        sizes = [(rows[i][j].abs_lower(), i, j) for i in rows_left if stages[i] == stage for j in columns if j not in pivots]
+        size, row, column = max(sizes, default=(arb(0), 0, 0))
+        if size > 0:
+            return row, column
+    return None
+
+
+def _cleared(rows: Rows, row: int, column: int) -> Rows:
+    """Return the rows with the pivot made 1 and the rest of its column exactly 0."""
+    unit = [arb(1) if j == column else entry / rows[row][column] for j, entry in enumerate(rows[row])]
+    return [unit if i == row else other if other[column].is_zero() else _without(other, column, unit) for i, other in enumerate(rows)]
+
+
+def _without(other: list[arb], column: int, unit: list[arb]) -> list[arb]:
+    factor = other[column]
+    return [arb(0) if j == column else entry - factor * unit[j] for j, entry in enumerate(other)]
+
+
+def _null_vector(rows: Rows, pivots: Mapping[int, int], free: int, widths: Sequence[int]) -> list[float]:
+    """Return the vector (n,) that the pivots' rows annihilate with its free entry not 0, in units of the unscaled columns."""
+    vector = [-rows[pivots[j]][free] if j in pivots else arb(int(j == free)) for j in range(len(widths))]
+    balanced = _scaled(vector, [width - min(widths) for width in widths])
+    return [0.0 if 0 in entry else float(entry) for entry in balanced]
+
+
+def _orthonormal(vectors: Sequence[Sequence[float]], n: int) -> np.ndarray:
+    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,); rows of zeros stay exactly 0."""
+    if not vectors:
+        return np.zeros((n, 0))
+    columns = np.array(vectors).T
+    basis = np.linalg.qr(columns / np.abs(columns).max(axis=0))[0]
+    return np.where(np.any(columns != 0, axis=1, keepdims=True), basis, 0.0)

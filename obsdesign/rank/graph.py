@@ -1,0 +1,109 @@
+"""A CasADi graph as a list of instructions, evaluated over any ring that says what each operation does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+
+from obsdesign.errors import InputError
+
+
+class NotExactError(InputError):
+    """An operation or a constant of an expression has no exact counterpart."""
+
+
+class NoValueError(InputError):
+    """Row `row` of a matrix has no finite smooth value at the point: a pole, a kink, outside the domain."""
+
+    def __init__(self, row: int, what: str) -> None:
+        super().__init__(f"{what} has no finite smooth value")
+        self.row = row
+        self.what = what
+
+    def __reduce__(self) -> tuple[type, tuple[int, str]]:
+        return type(self), (self.row, self.what)
+
+
+class Instruction(NamedTuple):
+    """One step of a graph: work[target] = operation(work[sources]); value is the number of a constant."""
+
+    operation: int
+    target: int
+    sources: tuple[int, ...]
+    value: float
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Scalars that a graph can be evaluated over: what a constant stands for, what an operation (a code ca.OP_...) does."""
+
+    constant: Callable[[float], Any]
+    operations: Mapping[int, Callable[..., Any]]
+
+
+@dataclass(frozen=True)
+class Arithmetic(Ring):
+    """A ring whose elements also come as power series in t, built from coefficients, and in matrices (m, n, entries row by row).
+
+    number: what a rational stands for; coefficients: those of a series or of a constant.
+    """
+
+    number: Callable[[Any], Any]
+    series: Callable[[Sequence[Any]], Any]
+    coefficients: Callable[[Any], Sequence[Any]]
+    matrix: Callable[[int, int, list[Any]], Any]
+
+
+def instructions(function: ca.Function) -> tuple[Instruction, ...]:
+    """Return the steps of an SX function with one result."""
+    steps = []
+    for k in range(function.n_instructions()):
+        operation = function.instruction_id(k)
+        value = function.instruction_constant(k) if operation == ca.OP_CONST else 0.0
+        steps.append(Instruction(operation, function.instruction_output(k)[-1], tuple(function.instruction_input(k)), value))
+    return tuple(steps)
+
+
+def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Any]], ring: Ring) -> list[Any]:
+    """Return the nonzeros of the result in column-major order; arguments: the nonzeros of each input.
+
+    Raises NotExactError, and ZeroDivisionError from a ring that has no value for a quotient by zero.
+    """
+    work: dict[int, Any] = {}
+    result: dict[int, Any] = {}
+    for operation, target, sources, value in steps:
+        if operation == ca.OP_INPUT:
+            work[target] = arguments[sources[0]][sources[1]]
+        elif operation == ca.OP_CONST:
+            work[target] = ring.constant(value)
+        elif operation == ca.OP_OUTPUT:
+            result[target] = work[sources[0]]
+        elif operation in ring.operations:
+            work[target] = ring.operations[operation](*[work[source] for source in sources])
+        else:
+            raise NotExactError(f"the operation {_name(operation)} cannot be evaluated in exact arithmetic: write it with others")
+    return [result[k] for k in range(len(result))]
+
+
+_STRUCTURE = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
+_RATIONAL = {*_STRUCTURE, *(getattr(ca, f"OP_{name}") for name in ("ADD", "SUB", "MUL", "DIV", "NEG", "INV", "SQ", "TWICE"))}
+
+
+def is_rational(steps: Sequence[Instruction]) -> bool:
+    """Return whether the result is a quotient of polynomials in the arguments, with whole numbers of at most 45 bits as constants."""
+    return all(step.operation in _RATIONAL and step.value.is_integer() and abs(step.value) < 2**45 for step in steps)
+
+
+def is_short(value: float) -> bool:
+    """Return whether a double has at most 45 bits: longer ones may be the rounded result of an operation."""
+    return math.isfinite(value) and (math.frexp(value)[0] * 2**45) % 1 == 0
+
+
+@cache
+def _name(operation: int) -> str:
+    return next((name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == operation), str(operation))

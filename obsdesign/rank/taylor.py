@@ -1,0 +1,107 @@
+"""Taylor coefficients of the outputs along one solution, with their sensitivities: no Lie derivative, no growing graph.
+
+Source: A. Sedoglavic, "A probabilistic algorithm to test local algebraic observability in polynomial time", 2002.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import flint
+
+from obsdesign.rank.graph import Arithmetic, Instruction, evaluate, instructions
+
+Series = list[Any]  # coefficients of t^0, t^1, ...
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """xdot = rate(x, u, w, constants), y = h(x, constants), all SX columns; w enters linearly."""
+
+    x: ca.SX
+    u: ca.SX
+    w: ca.SX
+    constants: ca.SX
+    rate: ca.SX
+    h: ca.SX
+
+    @cached_property
+    def graphs(self) -> dict[str, tuple[ca.Sparsity, tuple[Instruction, ...]]]:
+        """Instructions of the rate, of A = d rate/dx, B = d rate/dw and C = dh/dx, each with its sparsity."""
+        expressions = {
+            "rate": ca.densify(self.rate),
+            "A": ca.jacobian(self.rate, self.x),
+            "B": ca.jacobian(self.rate, self.w),
+            "C": ca.jacobian(self.h, self.x),
+        }
+        functions = {name: ca.Function(name, [self.x, self.u, self.w, self.constants], [ca.cse(e)]) for name, e in expressions.items()}
+        return {name: (function.sparsity_out(0), instructions(function)) for name, function in functions.items()}
+
+    @property
+    def steps(self) -> tuple[Instruction, ...]:
+        """All instructions."""
+        return tuple(step for _, steps in self.graphs.values() for step in steps)
+
+    def solution(self, arithmetic: Arithmetic, arguments: Arguments, orders: int) -> list[Series]:
+        """Return the coefficients t^0..t^orders of x (n,): x(0) + int rate dt, one order more with every pass."""
+        states = [[value] for value in arguments.x]
+        for known in range(1, orders + 1):
+            rates = self._series("rate", arithmetic, arguments, states, known)
+            states = [[start, *(rate[k] / (k + 1) for k in range(known))] for start, rate in zip(arguments.x, rates, strict=True)]
+        return states
+
+    def sensitivities(self, arithmetic: Arithmetic, arguments: Arguments, orders: int) -> tuple[Any, ...]:
+        """Return, for k = 0..orders, the matrix (q, p * orders + n) of d y_k / d (w_0, ..., w_(orders-1), x(0)).
+
+        y_k, w_k: coefficients of t^k. X_(k+1) = (sum_j A_j X_(k-j) + B_(k-l) in the columns of w_l) / (k + 1), y_k = sum_j C_j X_(k-j).
+        """
+        n, p = self.x.numel(), self.w.numel()
+        states = self.solution(arithmetic, arguments, orders)
+        A, B, C = (self._matrices(name, arithmetic, arguments, states, orders + 1) for name in ("A", "B", "C"))
+        zero = arithmetic.number(0)
+        one = arithmetic.number(1)
+        width = p * orders + n
+        X = [arithmetic.matrix(n, width, [one if j == p * orders + i else zero for i in range(n) for j in range(width)])]
+        for k in range(orders):
+            forced = [B[k - order][i, j] if order <= k else zero for i in range(n) for order in range(orders) for j in range(p)]
+            columns = [forced[i * p * orders : (i + 1) * p * orders] + [zero] * n for i in range(n)]
+            total = arithmetic.matrix(n, width, [entry for row in columns for entry in row])
+            for j in range(k + 1):
+                total = total + A[j] * X[k - j]
+            X.append(total * (one / (k + 1)))
+        return tuple(sum((C[j] * X[k - j] for j in range(1, k + 1)), C[0] * X[k]) for k in range(orders + 1))
+
+    def _series(self, name: str, arithmetic: Arithmetic, arguments: Arguments, states: list[Series], terms: int) -> list[Series]:
+        """Return the first coefficients of the nonzeros of a graph along the solution."""
+        before = flint.ctx.cap
+        flint.ctx.cap = terms
+        try:
+            inputs = [[arithmetic.series(each[:terms]) for each in group] for group in (states, arguments.u, arguments.w)]
+            values = evaluate(self.graphs[name][1], [*inputs, arguments.constants], arithmetic)
+        finally:
+            flint.ctx.cap = before
+        zero = arithmetic.number(0)
+        return [([*arithmetic.coefficients(value), *[zero] * terms])[:terms] for value in values]
+
+    def _matrices(self, name: str, arithmetic: Arithmetic, arguments: Arguments, states: list[Series], terms: int) -> list[Any]:
+        sparsity, _ = self.graphs[name]
+        m, n = sparsity.shape
+        entries = [[arithmetic.number(0)] * (m * n) for _ in range(terms)]
+        for series, i, j in zip(self._series(name, arithmetic, arguments, states, terms), sparsity.row(), sparsity.get_col(), strict=True):
+            for k in range(terms):
+                entries[k][i * n + j] = series[k]
+        return [arithmetic.matrix(m, n, each) for each in entries]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Where a flow is followed, in ring elements: x(0) (n,), the coefficients of each u and each w, the constants."""
+
+    x: Sequence[Any]
+    u: Sequence[Series]
+    w: Sequence[Series]
+    constants: Sequence[Any]
