@@ -18,7 +18,7 @@ from obsdesign.analysis.places import Place, Surroundings, modular_place
 from obsdesign.analysis.recursion import brackets_leave_rates_alone, recursion
 from obsdesign.analysis.rescaled import Rescaled, rescale
 from obsdesign.analysis.words import Space, TooLargeError, sweeps
-from obsdesign.rank.elimination import rank_at, rank_of, values_at
+from obsdesign.rank.elimination import rank_of, values_at
 from obsdesign.rank.graph import NoValueError
 
 LEVELS = 2
@@ -119,48 +119,20 @@ def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding |
 
 
 def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -> Finding:
-    """Return Omega*, the smallest codistribution with the functions and the switched rates that all fields leave invariant.
+    """Return Omega*, which holds the functions and what autobrackets change in the rates, and which all fields leave invariant.
 
-    It is that if the tensor T belongs to it, or if no autobracket changes the rates. Else the recursion goes on step by step.
+    The smallest such space with the rates changed by the known fields is part of it; with the tensor T it holds it. Where both
+    agree it is found. Else jets tell, which need no more than 2n + 2 steps.
     """
-    told = generic_growth(rescaled.known_equations(rescaled.switched_rates), around)
-    asked = rescaled.equations.asked
-    ended = told.dimension in (cap, asked) or not told.decided
-    most = told.dimension if ended else generic_growth(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around).dimension
-    if told.dimension == most or brackets_leave_rates_alone(space, rescaled):
-        finding = finding_of(told, cap)
-        return finding if rescaled.equations.extra else _counted(finding, (kept.numel() for kept in recursion(space, rescaled)))
-    return _by_recursion(space, rescaled, most, cap, around)
-
-
-def _by_recursion(space: Space, rescaled: Rescaled, most: int, cap: int, around: Surroundings) -> Finding:
-    """Return Omega_m for the first m at which it is as large as possible, or stalls with T in it, or for m = 2n + 2."""
     equations = rescaled.equations
-    ranks: list[int] = []
-    stopped_by, why = "stalled", "not decided: expressions grew too large for the recursion to be followed to its end"
-    kept = rescaled.functions
-    try:
-        for kept in recursion(space, rescaled):
-            ranks.append(kept.numel())
-            if kept.numel() >= most:
-                stopped_by, why = "cap", "no more is possible: the space is as large as with the tensor T in it"
-            elif len(ranks) > 2 and ranks[-1] == ranks[-2] and space.telling(ca.vertcat(kept, rescaled.tensor)).chosen[-1] < kept.numel():
-                stopped_by, why = "criterion", f"no more: step {len(ranks) - 1} adds nothing and the tensor T belongs to the space"
-            elif len(ranks) > 2 * equations.n + 2:
-                stopped_by, why = "bound", f"no more: {len(ranks) - 1} = 2n + 2 steps were made"
-            if stopped_by != "stalled":
-                break
-    except TooLargeError:
-        pass
-    for place in around.places(equations.extra):
-        try:
-            gradients = equations.function(ca.cse(ca.jacobian(kept, equations.x)))
-            rank = rank_at(gradients, (place.state, equations.values), eliminated=equations.extra)
-        except NoValueError:
-            continue
-        if rank.rank == equations.asked:
-            stopped_by, why = "full", "no more is possible"
-        elif rank.rank == cap:
-            stopped_by, why = "cap", "no more is possible: it is as much if the inputs are known"
-        return Finding(rank, place, cut(ranks), stopped_by, why)
-    raise NoValueError(0, "no random point was found where everything")
+    told = generic_growth(rescaled.known_equations(rescaled.switched_rates), around)
+    most = told.dimension
+    if told.dimension not in (cap, equations.asked):
+        most = generic_growth(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around).dimension
+    if told.dimension == most or not told.decided or brackets_leave_rates_alone(space, rescaled):
+        finding = finding_of(told, cap)
+    else:
+        finding = jets_finding(equations, False, around, most, standstill=2 * equations.n + 2)
+        if finding.dimension == most < min(cap, equations.asked):
+            finding = replace(finding, stopped_by="criterion", at_most="no more: the tensor T belongs to the space")
+    return finding if equations.extra else _counted(finding, (kept.numel() for kept in recursion(space, rescaled)))

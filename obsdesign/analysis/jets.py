@@ -18,43 +18,58 @@ from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError
 
 
-def jets_finding(equations: Equations, smooth: bool, around: Surroundings, enough: int, orders: int | None = None) -> Finding:
-    """Return the lower bound at a generic state; enough: no more is possible; orders: None = until it stands still for n orders."""
+def jets_finding(
+    equations: Equations, smooth: bool, around: Surroundings, enough: int, *, orders: int | None = None, standstill: int | None = None
+) -> Finding:
+    """Return the lower bound at a generic state; it ends with `enough`, or with `orders`, or n orders without growth.
+
+    standstill: so many orders without growth prove that there is no more.
+    """
     modular = equations.is_rational and not around.alone
-    found = jets_at(equations, smooth, modular_place(equations.n, around.seed), around.seed, enough, orders) if modular else None
+    longest = standstill or equations.n
+
+    def look(place: Place) -> tuple[Experiments, tuple[int, ...]]:
+        first = Experiments(equations, place, orders or 2, seed=around.seed)
+        return _followed(first, smooth) if orders else _ended(first, smooth, enough, longest)
+
+    found = look(modular_place(equations.n, around.seed)) if modular else None
     for place in around.places(equations.extra):
         try:
-            experiments, dimensions = found or jets_at(equations, smooth, place, around.seed, enough, orders)
+            experiments, dimensions = found or look(place)
             labels = experiments.independent(experiments.orders) if modular else None
             rank = replace(experiments, place=place).rank(experiments.orders, labels)
         except NoValueError:
             continue
-        return jets_verdict(rank, place, dimensions, enough)
+        finding = jets_verdict(rank, place, dimensions, enough)
+        if standstill is None or finding.decided:
+            return finding
+        return replace(finding, stopped_by="bound", at_most=f"no more: {standstill} = 2n + 2 orders of derivatives add nothing")
     raise NoValueError(0, "no random point was found where everything")
 
 
-def jets_at(
-    equations: Equations, smooth: bool, place: Place, seed: int, enough: int, orders: int | None = None
-) -> tuple[Experiments, tuple[int, ...]]:
-    """Return the experiments and their dimensions by order; it ends with `enough`, with `orders`, or n orders without growth."""
-    n = equations.asked
-    highest = 2 if orders is None else orders
+def _ended(first: Experiments, smooth: bool, enough: int, standstill: int) -> tuple[Experiments, tuple[int, ...]]:
+    """Return the experiments, up to the order at which the dimension is enough or has stood still, and the dimensions by order."""
+    orders = first.orders
     while True:
-        experiments = Experiments(equations, place, highest, seed=seed)
-        if equations.known and not smooth:
-            experiments = experiments.completed()
-        dimensions = _dimensions(experiments)
-        growth_ended = dimensions.index(dimensions[-1])
-        if dimensions[-1] >= enough or orders is not None or highest - growth_ended > n:
+        experiments, dimensions = _followed(replace(first, orders=orders), smooth)
+        reached = dimensions.index(dimensions[-1])
+        if dimensions[-1] >= enough or orders - reached >= standstill:
             return experiments, dimensions
-        highest *= 2
+        orders = min(2 * orders, reached + standstill) if orders >= standstill else 2 * orders
 
 
-def _dimensions(experiments: Experiments) -> tuple[int, ...]:
-    orders = range(experiments.orders + 1)
-    if experiments.place.modular:
-        return tuple(experiments.dimension(order) for order in orders)
-    return tuple(experiments.rank(order).rank for order in orders)
+def _followed(first: Experiments, smooth: bool) -> tuple[Experiments, tuple[int, ...]]:
+    """Return as many experiments as there is something to learn from, and the dimensions by order."""
+    experiments = first.completed() if first.equations.known and not smooth else first
+    last = _dimension(experiments, first.orders)
+    dimensions: list[int] = []
+    while not dimensions or dimensions[-1] < last:
+        dimensions.append(_dimension(experiments, len(dimensions)))
+    return experiments, (*dimensions, *[last] * (first.orders + 1 - len(dimensions)))
+
+
+def _dimension(experiments: Experiments, order: int) -> int:
+    return experiments.dimension(order) if experiments.place.modular else experiments.rank(order).rank
 
 
 def jets_verdict(rank: Rank, place: Place, dimensions: Sequence[int], enough: int) -> Finding:

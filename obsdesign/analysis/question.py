@@ -90,7 +90,7 @@ def observability_of(
 
 def _jets(equations: Equations, smooth: bool, around: Surroundings, orders: int | None) -> Finding:
     cap = generic_growth(equations.with_all_known(), around).dimension
-    return jets_finding(equations, smooth, around, enough=min(cap, equations.n), orders=orders)
+    return jets_finding(equations, smooth, around, min(cap, equations.n), orders=orders)
 
 
 def _induction(model: Model, degree: int, finding: Finding, seed: int) -> str:

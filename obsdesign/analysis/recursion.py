@@ -11,47 +11,54 @@ from collections.abc import Iterator
 import casadi as ca
 
 from obsdesign.analysis.rescaled import Rescaled
-from obsdesign.analysis.words import Space
+from obsdesign.analysis.words import Space, TooLargeError
+
+BRACKETS = 256
+"""No more autobrackets of one length are followed."""
 
 
 def recursion(space: Space, rescaled: Rescaled) -> Iterator[ca.SX]:
     """Yield functions whose gradients are a basis of Omega_0, Omega_1, ..., without end. Raises TooLargeError, NoValueError."""
     kept = rescaled.functions
     latest = kept
-    levels = _autobrackets(space, rescaled)
+    levels = autobrackets(space, rescaled)
+    next(levels)  # those of length 0 are fields: Omega_0 is derived along them anyway
+    level: list[ca.SX] = []
     while True:
         yield kept
-        found = ca.vertcat(space.derived(latest, rescaled.moving_fields), space.derived(rescaled.chosen, next(levels)))
+        found = ca.vertcat(space.derived(latest, rescaled.moving_fields), space.derived(rescaled.chosen, level))
+        level = next(levels)
         every = ca.vertcat(kept, found)
         chosen = space.telling(every).chosen if found.numel() else tuple(range(kept.numel()))
         latest = every[[i for i in chosen if i >= kept.numel()]] if len(chosen) > kept.numel() else ca.SX(0, 1)
         kept = ca.vertcat(kept, latest)
 
 
-def _autobrackets(space: Space, rescaled: Rescaled) -> Iterator[list[ca.SX]]:
-    """Yield the autobrackets of length 1, 2, ... that do not vanish, preceded by none: those of length 0 are fields anyway."""
-    level = list(rescaled.equations.known)
-    yield []
+def autobrackets(space: Space, rescaled: Rescaled) -> Iterator[list[ca.SX]]:
+    """Yield the autobrackets of length 0, 1, 2, ... that do not vanish. Raises TooLargeError."""
+    level = [field for field in rescaled.equations.known if not space.vanishes(field)]
     while True:
-        level = [field for field in rescaled.brackets(level) if not space.vanishes(field)] if level else []
         yield level
+        level = [field for field in rescaled.brackets(level) if not space.vanishes(field)]
+        if len(level) > BRACKETS:
+            raise TooLargeError
 
 
 def brackets_leave_rates_alone(space: Space, rescaled: Rescaled) -> bool:
-    """Return whether no autobracket, of any length, changes the rates N (Lemma 1 of the IROS paper): then none adds anything.
+    """Return whether no autobracket of any length changes the rates N (Lemma 1 of the IROS paper): then none adds anything.
 
-    The span of the autobrackets of length 0..m stops growing for good once it does not grow with m.
+    What the autobrackets of length 0..m span has ceased to grow for good once it does not grow with m.
     """
-    level = [field for field in rescaled.equations.known if not space.vanishes(field)]
-    span = ca.SX(rescaled.equations.n, 0)
-    rank = 0
-    while level:
-        if not all(space.vanishes(rescaled.change_of_rates(field)) for field in level):
-            return False
-        span = ca.horzcat(span, *level)
-        grown = len(space.independent(ca.densify(span)).chosen)
-        if grown == rank:
-            return True
-        rank = grown
-        level = [field for field in rescaled.brackets(level) if not space.vanishes(field)]
-    return True
+    span, rank = ca.SX(rescaled.equations.n, 0), 0
+    try:
+        for level in autobrackets(space, rescaled):
+            if not all(space.vanishes(rescaled.change_of_rates(field)) for field in level):
+                return False
+            span = ca.horzcat(span, *level)
+            grown = len(space.independent(ca.densify(span)).chosen) if span.shape[1] else 0
+            if grown == rank:
+                return True
+            rank = grown
+    except TooLargeError:
+        pass
+    return False
