@@ -6,13 +6,19 @@ READY := $(VENV)/.ready
 SCENARIO ?= scenarios/aerosonde_wind.toml
 OUT ?= reports/$(basename $(notdir $(SCENARIO)))
 
-.PHONY: run test lint lock examples clean
+.PHONY: run test test-slow bench lint lock examples clean
 
 run: $(READY)
 	$(BIN)/obsdesign run $(SCENARIO) --out $(OUT)
 
 test: $(READY) lint
 	$(BIN)/python -m pytest
+
+test-slow: $(READY)
+	$(BIN)/python -m pytest -m slow
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks.run
 
 lint: $(READY)
 	$(BIN)/ruff check .

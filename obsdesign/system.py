@@ -187,6 +187,37 @@ class ControlAffineSystem(AbstractSystem):
     sigmas: Mapping[str, float] = field(default_factory=dict)
     angles: tuple[str, ...] = ()
 
+    @classmethod
+    def from_rate(  # noqa: PLR0917  # the fields of the record, in their order
+        cls,
+        state: ca.SX,
+        names: Sequence[str],
+        rate: ca.SX,
+        known: Mapping[str, ca.SX] | None = None,
+        unknown: Mapping[str, ca.SX] | None = None,
+        outputs: Mapping[str, ca.SX] | None = None,
+        sigmas: Mapping[str, float] | None = None,
+        angles: Sequence[str] = (),
+    ) -> ControlAffineSystem:
+        """Return the system with xdot = rate (n, 1), an expression of the state and of the inputs' symbols (name -> symbol).
+
+        Raises InputError where the rate is not affine in an input, and as the record itself does.
+        """
+        import casadi as ca
+
+        known, unknown = dict(known or {}), dict(unknown or {})
+        inputs = {**known, **unknown}
+        symbols = ca.vertcat(*inputs.values()) if inputs else ca.SX(0, 1)
+        fields = ca.jacobian(rate, symbols)
+        for j, name in enumerate(inputs):
+            for i in range(rate.numel()):
+                if ca.depends_on(fields[i, j], symbols):
+                    raise InputError(f"the rate of {names[i]} = {_shortened(rate[i])} is not affine in {name!r}")
+        drift = ca.substitute(rate, symbols, ca.SX.zeros(symbols.numel())) if inputs else rate
+        column = {name: ca.densify(fields[:, j]) for j, name in enumerate(inputs)}
+        groups = [{name: column[name] for name in group} for group in (known, unknown)]
+        return cls(state, tuple(names), drift, groups[0], groups[1], dict(outputs or {}), dict(sigmas or {}), tuple(angles))
+
     def __post_init__(self) -> None:
         import casadi as ca
 
@@ -212,11 +243,11 @@ class ControlAffineSystem(AbstractSystem):
         repeated = sorted({name for name in every if every.count(name) > 1})
         if repeated:
             raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")
-        fields = {"drift": self.drift, **self.known, **self.unknown}
-        for name, expression in fields.items():
-            _require_expression(name, expression, self.state, (n, 1))
+        inputs = {**dict.fromkeys(self.known, "known input"), **dict.fromkeys(self.unknown, "unknown input")}
+        for name, expression in {"drift": self.drift, **self.known, **self.unknown}.items():
+            _require_expression(f"field {name!r}" if name in inputs else name, expression, self.state, (n, 1), inputs)
         for name, expression in self.outputs.items():
-            _require_expression(name, expression, self.state, (1, 1))
+            _require_expression(f"output {name!r}", expression, self.state, (1, 1), inputs)
             _require_dependence(name, expression, self.state)
         require_known("sigmas", tuple(self.sigmas), tuple(self.outputs))
         require_known("angles", self.angles, (*self.names, *self.outputs))
@@ -299,15 +330,27 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
         yield Channel(name, outputs, h, (sensor.sigma,) * len(outputs), sensor.rate, sensor.landmark)
 
 
-def _require_expression(name: str, expression: ca.SX, state: ca.SX, shape: tuple[int, int]) -> None:
+def _require_expression(what: str, expression: ca.SX, state: ca.SX, shape: tuple[int, int], inputs: Mapping[str, str]) -> None:
+    """Raise InputError unless the expression has the shape and contains no symbols but the state; inputs: name -> what it is."""
     import casadi as ca
 
     if expression.shape != shape:
-        raise InputError(f"{name} has shape {expression.shape}: must be {shape}")
-    own = {symbol.name() for symbol in ca.symvar(state)}
+        raise InputError(f"{what} has shape {expression.shape}: must be {shape}")
     free = [symbol for symbol in ca.symvar(expression) if not ca.depends_on(symbol, state)]
     if free:
-        raise InputError(f"{name} contains the free symbol {free[0]}: only the state may appear ({', '.join(sorted(own))})")
+        name = free[0].name()
+        found = (
+            f"the {inputs[name]} {name!r}: the rate must be affine in inputs, and outputs free of them"
+            if name in inputs
+            else f"the free symbol {name}"
+        )
+        own = ", ".join(sorted(symbol.name() for symbol in ca.symvar(state)))
+        raise InputError(f"{what} = {_shortened(expression)} contains {found}; only the state may appear ({own})")
+
+
+def _shortened(expression: ca.SX) -> str:
+    text = str(expression)
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _require_dependence(name: str, expression: ca.SX, state: ca.SX) -> None:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-
 from obsdesign.errors import InputError
-from obsdesign.rank.balls import BALLS, OPERATIONS as SUPPORTED, PRECISIONS
+from obsdesign.rank.balls import BALLS, PRECISIONS
+from obsdesign.rank.balls import OPERATIONS as SUPPORTED
 from obsdesign.rank.constants import as_rational, symbolise
 from obsdesign.rank.elimination import rank_at
 from obsdesign.rank.graph import NotExactError, NoValueError, evaluate, instructions

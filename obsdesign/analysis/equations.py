@@ -67,7 +67,7 @@ class Equations:
 
     def function(self, expression: ca.SX) -> ca.Function:
         """Return (x, constants) -> expression."""
-        return ca.Function("expression", [self.x, self.constants], [ca.cse(expression)])
+        return ca.Function("expression", [self.x, self.constants], [expression])
 
     def with_all_known(self) -> Equations:
         """Return the equations as they are for somebody who knows the unknown inputs."""

@@ -91,7 +91,8 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
     finding = _rescaled(equations, cap, around)
     if finding:
         return finding
-    bound = jets_finding(equations, False, around, enough=min(cap, equations.asked))
+    enough = min(cap, equations.asked)
+    bound = jets_finding(equations, False, around, enough)
     if bound.decided:
         return bound
     for level in range(1, LEVELS + 1):
@@ -99,7 +100,7 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
         finding = _rescaled(extended, cap, around)
         if finding and finding.decided and finding.dimension >= bound.dimension:
             return replace(finding, place=Place(finding.place.state[extended.extra :]))
-    return bound
+    return jets_finding(equations, False, around, enough, patience=2 * equations.n + 2)
 
 
 def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding | None:
@@ -132,7 +133,7 @@ def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -
     if told.dimension == most or not told.decided or brackets_leave_rates_alone(space, rescaled):
         finding = finding_of(told, cap)
     else:
-        finding = jets_finding(equations, False, around, most, standstill=2 * equations.n + 2)
+        finding = jets_finding(equations, False, around, most, patience=2 * equations.n + 2, ends=True)
         if finding.dimension == most < min(cap, equations.asked):
             finding = replace(finding, stopped_by="criterion", at_most="no more: the tensor T belongs to the space")
     return finding if equations.extra else _counted(finding, (kept.numel() for kept in recursion(space, rescaled)))

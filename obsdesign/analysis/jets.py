@@ -18,19 +18,25 @@ from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError
 
 
-def jets_finding(
-    equations: Equations, smooth: bool, around: Surroundings, enough: int, *, orders: int | None = None, standstill: int | None = None
+def jets_finding(  # noqa: PLR0917
+    equations: Equations,
+    smooth: bool,
+    around: Surroundings,
+    enough: int,
+    orders: int | None = None,
+    patience: int | None = None,
+    ends: bool = False,
 ) -> Finding:
-    """Return the lower bound at a generic state; it ends with `enough`, or with `orders`, or n orders without growth.
+    """Return the lower bound at a generic state. It is followed to `orders`, or until it is `enough` or stands still.
 
-    standstill: so many orders without growth prove that there is no more.
+    patience: so many orders without growth are a standstill (None: n); ends: a standstill proves that there is no more.
     """
     modular = equations.is_rational and not around.alone
-    longest = standstill or equations.n
+    patience = patience or equations.n
 
     def look(place: Place) -> tuple[Experiments, tuple[int, ...]]:
         first = Experiments(equations, place, orders or 2, seed=around.seed)
-        return _followed(first, smooth) if orders else _ended(first, smooth, enough, longest)
+        return _followed(first, smooth) if orders else _ended(first, smooth, enough, patience)
 
     found = look(modular_place(equations.n, around.seed)) if modular else None
     for place in around.places(equations.extra):
@@ -41,21 +47,21 @@ def jets_finding(
         except NoValueError:
             continue
         finding = jets_verdict(rank, place, dimensions, enough)
-        if standstill is None or finding.decided:
+        if not ends or finding.decided:
             return finding
-        return replace(finding, stopped_by="bound", at_most=f"no more: {standstill} = 2n + 2 orders of derivatives add nothing")
+        return replace(finding, stopped_by="bound", at_most=f"no more: {patience} = 2n + 2 orders of derivatives add nothing")
     raise NoValueError(0, "no random point was found where everything")
 
 
-def _ended(first: Experiments, smooth: bool, enough: int, standstill: int) -> tuple[Experiments, tuple[int, ...]]:
+def _ended(first: Experiments, smooth: bool, enough: int, patience: int) -> tuple[Experiments, tuple[int, ...]]:
     """Return the experiments, up to the order at which the dimension is enough or has stood still, and the dimensions by order."""
     orders = first.orders
     while True:
         experiments, dimensions = _followed(replace(first, orders=orders), smooth)
         reached = dimensions.index(dimensions[-1])
-        if dimensions[-1] >= enough or orders - reached >= standstill:
+        if dimensions[-1] >= enough or orders - reached >= patience:
             return experiments, dimensions
-        orders = min(2 * orders, reached + standstill) if orders >= standstill else 2 * orders
+        orders = min(2 * orders, reached + patience) if orders >= patience else 2 * orders
 
 
 def _followed(first: Experiments, smooth: bool) -> tuple[Experiments, tuple[int, ...]]:

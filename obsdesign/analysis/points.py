@@ -7,6 +7,7 @@ found at a state on the way, generic among those, where a step that adds nothing
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import flint
 from flint import arb
@@ -30,6 +31,9 @@ _ERROR = arb(2) ** -480
 def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding, seed: int) -> Finding:
     """Return what is observable at the place; nearby: what is at generic states around it."""
     rank, ranks = _proven(equations, smooth, place, nearby.dimension, seed)
+    if nearby.decided and rank.rank > nearby.dimension:
+        why = f"nearby it is {nearby.dimension}; here a generic unknown input gives away more, a special one would not"
+        return Finding(rank, place, ranks, "stalled", f"not decided: {why}")
     if rank.rank == equations.asked:
         return Finding(rank, place, ranks, "full", "no more is possible")
     if not rank.decided:
@@ -38,9 +42,6 @@ def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding
         return Finding(rank, place, ranks, "stalled", f"not decided here, as it is nearby: {nearby.at_most}")
     if rank.rank == nearby.dimension:
         return Finding(rank, place, ranks, "cap", "no more is possible: the generic rank is the same")
-    if rank.rank > nearby.dimension:
-        why = f"nearby it is {nearby.dimension}; here a generic unknown input gives away more than nearby, a special one would not"
-        return Finding(rank, place, ranks, "stalled", f"not decided: {why}")
     stopped_by, why = _compared(equations, smooth, place, rank, seed)
     return Finding(rank, place, ranks, stopped_by, f"{why}; nearby it is {nearby.dimension}")
 
@@ -56,9 +57,18 @@ def _proven(equations: Equations, smooth: bool, place: Place, goal: int, seed: i
         for order in range(len(ranks), orders + 1):
             rank = experiments.rank(order)
             ranks.append(rank.rank)
+            if rank.rank >= goal and equations.unknown:
+                return _looked_beyond(experiments, rank, ranks)
             if rank.rank >= goal or not rank.decided:
                 return rank, tuple(ranks)
     return rank, cut(ranks)
+
+
+def _looked_beyond(experiments: Experiments, rank: Rank, ranks: list[int]) -> tuple[Rank, tuple[int, ...]]:
+    """Return the rank n orders later: where unknown inputs lose their effect on the outputs it may exceed what is seen nearby."""
+    beyond = replace(experiments, orders=min(len(ranks) - 1 + experiments.equations.n, ORDERS))
+    later = beyond.rank(beyond.orders)
+    return (later, (*ranks, later.rank)) if later.rank > rank.rank else (rank, tuple(ranks))
 
 
 def _orders(n: int) -> Iterator[int]:

@@ -14,9 +14,11 @@ class Verdict:
     dimension: of the observable space; where not `decided`, the lower bound that is proven
     observable: dimension == n
     observable_states, unobservable_states: names of the states that are seen by themselves, and of the others
-    null_space (n, n - dimension): orthonormal basis of the hidden directions at the point `at` (n,)
+    null_space (n, n - dimension): orthonormal basis of the hidden directions at the point `at` (n,); where these depend on
+        the unknown inputs, for one generic choice of them
     hidden: the same in words
-    ranks: dimension after 0, 1, 2, ... steps of Lie derivatives, cut after the last growth
+    ranks: dimension after 0, 1, 2, ... steps, cut after the last growth: Lie derivatives of Omega_0, Omega_1, ... where their
+        expressions stay small, else derivatives of the outputs with respect to time
     disturbance, known_inputs: the class of unknown and of known inputs for which this holds
     stopped_by: "full" (rank n) | "criterion" (a sweep added nothing) | "cap" (as much as if the unknown
         inputs were known; at a point: as much as nearby)

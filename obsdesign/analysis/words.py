@@ -14,7 +14,7 @@ from obsdesign.calculus import lie_derivative
 from obsdesign.rank.elimination import rank_at
 from obsdesign.rank.residues import independent_rows, values_modulo
 
-NODES = 100_000
+NODES = 20_000
 """Expressions of more nodes than this are not evaluated."""
 
 
@@ -38,6 +38,9 @@ class Space:
 
     def independent(self, matrix: ca.SX, stages: Sequence[int] | None = None) -> Rows:
         """Return independent rows of the matrix at the place, those of a lower stage first. Raises TooLargeError, NoValueError."""
+        if ca.n_nodes(matrix) > 4 * NODES:
+            raise TooLargeError
+        matrix = ca.cse(matrix)
         if ca.n_nodes(matrix) > NODES:
             raise TooLargeError
         function = self.equations.function(matrix)
@@ -51,7 +54,7 @@ class Space:
 
     def telling(self, functions: ca.SX) -> Rows:
         """Return the first of the functions (k, 1) whose gradients are independent; earlier ones are preferred."""
-        return self.independent(ca.cse(ca.jacobian(functions, self.equations.x)))
+        return self.independent(ca.jacobian(functions, self.equations.x))
 
     def vanishes(self, expression: ca.SX) -> bool:
         """Return whether every entry is 0 at the place."""
@@ -64,9 +67,10 @@ class Space:
         """Return the Lie derivatives of the functions along every field, without repetitions and constants."""
         if not fields or not functions.numel():
             return ca.SX(0, 1)
-        every = ca.cse(ca.vertcat(*(lie_derivative(functions, self.equations.x, field) for field in fields)))
-        if ca.n_nodes(every) > NODES:
+        every = ca.vertcat(*(lie_derivative(functions, self.equations.x, field) for field in fields))
+        if ca.n_nodes(every) > 4 * NODES:
             raise TooLargeError
+        every = ca.cse(every)
         first = {every[i].element_hash(): i for i in reversed(range(every.numel()))}
         variable = set(ca.jacobian_sparsity(every, self.equations.x).row())
         chosen = sorted(variable & set(first.values()))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from fractions import Fraction
 
 import casadi as ca
+import flint
 from flint import arb, arb_mat, arb_series, fmpq
 
 from obsdesign.rank.graph import Arithmetic, NotExactError, is_short
@@ -96,6 +97,19 @@ def _by_method(name: str) -> Callable[[Ball], Ball]:
 
 
 _exp, _log, _sqrt = _by_method("exp"), _by_method("log"), _by_method("sqrt")
+
+
+def _inverse_error_function(a: arb_series) -> Ball:
+    """Return y with y' = sqrt(pi) / 2 exp(y^2) a': every pass gives one more coefficient."""
+    start, y = lead(a).erfinv(), arb_series([lead(a).erfinv()])
+    for _ in range(len(a.coeffs()) and flint.ctx.cap):
+        rate = _exp(y * y) * a.derivative()
+        if not isinstance(rate, arb_series):
+            return rate
+        y = start + rate.integral() * (arb.pi().sqrt() / 2)
+    return y
+
+
 _SERIES_FORMS: Mapping[str, Callable[[arb_series], Ball]] = {
     "expm1": lambda a: _exp(a) - 1,
     "log1p": lambda a: _log(1 + a),
@@ -105,6 +119,7 @@ _SERIES_FORMS: Mapping[str, Callable[[arb_series], Ball]] = {
     "asinh": lambda a: lead(a).asinh() + _integral(a, _sqrt(1 + a * a)),
     "acosh": lambda a: _log(a + _sqrt(a - 1) * _sqrt(a + 1)),
     "atanh": lambda a: (_log(1 + a) - _log(1 - a)) / 2,
+    "erfinv": _inverse_error_function,
 }
 
 

@@ -1,0 +1,1 @@
+"""What is timed and counted, with the tables that came out: `make bench`."""
