@@ -11,13 +11,21 @@ from conftest import ROOT
 README = (ROOT / "README.md").read_text()
 
 
-def test_the_library_example_runs_and_says_what_it_promises():
-    (example,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+def printed_by_example(number):
+    example = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)[number]
     done = subprocess.run([sys.executable, "-W", "error", "-c", example], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    first, second, *_ = done.stdout.splitlines()
+    return done.stdout.splitlines()
+
+
+def test_the_library_example_runs_and_says_what_it_promises():
+    first, second, *_ = printed_by_example(0)
     assert first.startswith("heading cannot be told from wind_x, wind_y: ")
     assert second.startswith("locally optimal")
+
+
+def test_the_verdict_example_runs_and_says_what_it_promises():
+    assert printed_by_example(1) == ["7 ('V', 'lam', 'rho', 'c') True", "11"]
 
 
 def test_every_file_it_links_to_exists():
