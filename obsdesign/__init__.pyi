@@ -4,6 +4,7 @@ from .analysis.verdict import Verdict as Verdict
 from .constraints.goal import Goal as Goal
 from .constraints.keep_out import KeepOut as KeepOut
 from .constraints.stand_off import StandOff as StandOff
+from .control_affine import ControlAffineSystem as ControlAffineSystem
 from .criteria.log_det import LogDet as LogDet
 from .criteria.min_eigenvalue import MinEigenvalue as MinEigenvalue
 from .criteria.trace_inverse import TraceInverse as TraceInverse
@@ -35,7 +36,6 @@ from .simulation import simulate as simulate
 from .status import Status as Status
 from .study import Study as Study
 from .study import run as run
-from .system import ControlAffineSystem as ControlAffineSystem
 from .system import System as System
 from .trajectory import Trajectory as Trajectory
 from .validation import Validation as Validation

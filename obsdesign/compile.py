@@ -9,7 +9,7 @@ import casadi as ca
 from obsdesign.calculus import rk4
 from obsdesign.checks import whole_multiple
 from obsdesign.errors import InputError
-from obsdesign.system import AbstractSystem, Model
+from obsdesign.model import AbstractSystem, Model
 
 _CACHED = 64
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import require_positive
 from obsdesign.compile import advanced_along
 from obsdesign.errors import InputError
-from obsdesign.system import AbstractSystem
+from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 

@@ -19,8 +19,8 @@ from obsdesign.information.posterior import noise_factor, posterior_information
 from obsdesign.information.prior import Prior
 from obsdesign.information.record import standard_deviations
 from obsdesign.information.sampling import sampled
+from obsdesign.model import AbstractSystem
 from obsdesign.selection.schedule import Schedule
-from obsdesign.system import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 SETTLED = 0.25  # share of the path after which consistency is judged

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from obsdesign.analysis.question import observability, observability_of
 from obsdesign.calculus import lie_derivative
+from obsdesign.control_affine import ControlAffineSystem
 from obsdesign.errors import InputError, UnobservableError
 from obsdesign.sensors.bearing import Bearing
 from obsdesign.sensors.gps import GPS
 from obsdesign.sensors.magnetometer import Magnetometer
 from obsdesign.sensors.range import Range
-from obsdesign.system import ControlAffineSystem, System
+from obsdesign.system import System
 from obsdesign.vehicles.dubins import Dubins
 from obsdesign.vehicles.unicycle import Unicycle
 

@@ -9,10 +9,10 @@ from functools import cached_property
 
 import casadi as ca
 
+from obsdesign.model import Model
 from obsdesign.rank.constants import symbolise
 from obsdesign.rank.graph import instructions, is_rational
 from obsdesign.rank.taylor import Flow
-from obsdesign.system import Model
 
 Exact = tuple[Fraction, ...]
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from obsdesign.model import Model
 from obsdesign.sensors.abstract import Point
 from obsdesign.signals import Signal
-from obsdesign.system import Model
 
 _ROUND_OFF = 1e-9
 

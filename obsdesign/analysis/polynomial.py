@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import casadi as ca
 
 from obsdesign.checks import require_count
+from obsdesign.model import Model
 from obsdesign.signals import Signal
-from obsdesign.system import Model
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from obsdesign.analysis.polynomial import Polynomial, augmented
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
-from obsdesign.system import AbstractSystem, Model
+from obsdesign.model import AbstractSystem, Model
 
 KnownInputs = Literal["any", "smooth"]
 Disturbance = Literal["arbitrary"] | Polynomial

@@ -4,7 +4,7 @@ For functions hh (p, 1) of the outputs with M_kj = L_{g_j} hh_k invertible, a_k 
   gh_j = sum_k nu_kj g_k (j = 1..p),   gh_0 = g_0 - sum_k (nu a)_k g_k:
 xdot = gh_0 + sum_j gh_j v_j + sum_i f_i u_i with v = d hh / dt at u = 0, which is known. With N = [a M] and
 B = [1 0; a M]^-1, what a field changes in these rates is rate(f) = (L_f N) B, (p, p + 1).
-Source: Martinelli, IROS 2017, Algorithms 2 and 3; for several unknown inputs and drift, Martinelli, arXiv 1806.03662.
+Source: Martinelli, IROS 2017, Algorithms 2 and 3; for several unknown inputs and drift, Martinelli, arXiv 1704.03252.
 """
 
 from __future__ import annotations

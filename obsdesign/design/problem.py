@@ -15,10 +15,10 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
+from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.simulation import as_state
 from obsdesign.status import Status
-from obsdesign.system import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 FEASIBILITY = 1e-6  # by how much a constraint's margin, of order 1, may fall short

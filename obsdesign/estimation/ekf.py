@@ -11,7 +11,7 @@ import numpy as np
 
 from obsdesign.calculus import wrap_columns
 from obsdesign.compile import output, transition
-from obsdesign.system import AbstractSystem
+from obsdesign.model import AbstractSystem
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from obsdesign.system import AbstractSystem
+from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 

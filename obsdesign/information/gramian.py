@@ -13,7 +13,7 @@ from obsdesign.compile import advanced_along, output, transported_along
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
 from obsdesign.information.sampling import sampled, with_derivatives
-from obsdesign.system import AbstractSystem
+from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 # (x (N, n), u (N, m), step, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step

@@ -13,7 +13,7 @@ from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.prior import Prior
 from obsdesign.information.sampling import local_information
-from obsdesign.system import AbstractSystem
+from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from obsdesign.compile import sample_information, steps_per_sample
 from obsdesign.errors import InputError
-from obsdesign.system import AbstractSystem
+from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
 
 

@@ -1,0 +1,123 @@
+"""A system reduced to one symbolic record."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from obsdesign.checks import require_known
+from obsdesign.signals import Point, Signal
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One sensor of a model: outputs h (q, 1) of the state, their standard deviations, rate [Hz] and landmark [m]."""
+
+    name: str
+    outputs: tuple[Signal, ...]
+    h: ca.SX
+    sigmas: tuple[float, ...]
+    rate: float | None = None
+    landmark: Point | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """xdot = drift + B u + G w, y = h(x), as CasADi expressions of the state symbol x (n, 1).
+
+    B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels.
+    """
+
+    x: ca.SX
+    states: tuple[Signal, ...]
+    drift: ca.SX
+    inputs: tuple[Signal, ...]
+    B: ca.SX
+    unknown_inputs: tuple[Signal, ...]
+    G: ca.SX
+    channels: tuple[Channel, ...]
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the n states."""
+        return tuple(state.name for state in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the m known inputs, the columns of a trajectory's u."""
+        return tuple(signal.name for signal in self.inputs)
+
+    @property
+    def sensor_names(self) -> tuple[str, ...]:
+        """Names of the S sensors."""
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def outputs(self) -> tuple[Signal, ...]:
+        """All outputs of all sensors, in order."""
+        return tuple(signal for channel in self.channels for signal in channel.outputs)
+
+    @property
+    def sigmas(self) -> tuple[float, ...]:
+        """Standard deviation of one sample of each output."""
+        return tuple(sigma for channel in self.channels for sigma in channel.sigmas)
+
+    @property
+    def output_owner(self) -> tuple[int, ...]:
+        """For each output the index of its sensor."""
+        return tuple(i for i, channel in enumerate(self.channels) for _ in channel.outputs)
+
+    @property
+    def h(self) -> ca.SX:
+        """All outputs stacked (q, 1)."""
+        import casadi as ca
+
+        return ca.vertcat(*(channel.h for channel in self.channels))
+
+    @property
+    def landmarks(self) -> tuple[Point, ...]:
+        """Distinct points that sensors look at."""
+        return tuple(dict.fromkeys(channel.landmark for channel in self.channels if channel.landmark is not None))
+
+    def only(self, sensors: Sequence[str]) -> Model:
+        """Return the model with the named sensors alone."""
+        require_known("the system", sensors, self.sensor_names)
+        return replace(self, channels=tuple(channel for channel in self.channels if channel.name in sensors))
+
+    def holding(self, held: Mapping[str, float]) -> Model:
+        """Return the model with known inputs kept at a value: they move into the drift."""
+        import casadi as ca
+
+        require_known("held", tuple(held), self.input_names)
+        drift = self.drift
+        for name, value in held.items():
+            drift = drift + self.B[:, self.input_names.index(name)] * value
+        free = [i for i, name in enumerate(self.input_names) if name not in held]
+        B = self.B[:, free] if free else ca.SX(self.x.numel(), 0)
+        return replace(self, drift=drift, inputs=tuple(self.inputs[i] for i in free), B=B)
+
+
+class AbstractSystem(ABC):
+    """Anything that can be analysed, designed for and filtered."""
+
+    @cached_property
+    def model(self) -> Model:
+        """The symbolic record, built once."""
+        return self._build()
+
+    @abstractmethod
+    def _build(self) -> Model:
+        """Return the symbolic record."""
+
+
+def columns(fields: list[ca.SX], n: int) -> ca.SX:
+    """Return the fields (n, 1) side by side; (n, 0) without any."""
+    import casadi as ca
+
+    return ca.horzcat(*fields) if fields else ca.SX(n, 0)
