@@ -57,13 +57,18 @@ class ControlAffineSystem(AbstractSystem):
         known, unknown = dict(known or {}), dict(unknown or {})
         inputs = {**known, **unknown}
         symbols = ca.vertcat(*inputs.values()) if inputs else ca.SX(0, 1)
-        fields = ca.jacobian(rate, symbols)
+        slopes = ca.jacobian(rate, symbols)
         for j, name in enumerate(inputs):
             for i in range(rate.numel()):
-                if ca.depends_on(fields[i, j], symbols):
+                if ca.depends_on(slopes[i, j], symbols):
                     raise InputError(f"the rate of {names[i]} = {_shortened(rate[i])} is not affine in {name!r}")
+        # values, not slopes: a derivative would round products of constants
         drift = ca.substitute(rate, symbols, ca.SX.zeros(symbols.numel())) if inputs else rate
-        column = {name: ca.densify(fields[:, j]) for j, name in enumerate(inputs)}
+        column = {}
+        for j, name in enumerate(inputs):
+            unit = ca.SX([float(k == j) for k in range(len(inputs))])
+            acts = ca.densify(ca.SX([float(slopes[i, j].nnz() > 0) for i in range(rate.numel())]))
+            column[name] = acts * (ca.substitute(rate, symbols, unit) - drift)
         groups = [{name: column[name] for name in group} for group in (known, unknown)]
         return cls(state, tuple(names), drift, groups[0], groups[1], dict(outputs or {}), dict(sigmas or {}), tuple(angles))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -89,18 +89,6 @@ class Model:
         """Return the model with the named sensors alone."""
         require_known("the system", sensors, self.sensor_names)
         return replace(self, channels=tuple(channel for channel in self.channels if channel.name in sensors))
-
-    def holding(self, held: Mapping[str, float]) -> Model:
-        """Return the model with known inputs kept at a value: they move into the drift."""
-        import casadi as ca
-
-        require_known("held", tuple(held), self.input_names)
-        drift = self.drift
-        for name, value in held.items():
-            drift = drift + self.B[:, self.input_names.index(name)] * value
-        free = [i for i, name in enumerate(self.input_names) if name not in held]
-        B = self.B[:, free] if free else ca.SX(self.x.numel(), 0)
-        return replace(self, drift=drift, inputs=tuple(self.inputs[i] for i in free), B=B)
 
 
 class AbstractSystem(ABC):

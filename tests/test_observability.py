@@ -359,8 +359,8 @@ def test_polynomial_systems_have_the_rank_of_all_words(system):
 
 @pytest.mark.parametrize("letters", [letters for letters, dimensions in BRACE.items() if min(dimensions) < 5])
 def test_hidden_directions_change_no_derivative(letters):
-    model = model_with(DUBINS, letters).holding(STRAIGHT)
-    verdict = observability_of(model)
+    model = model_with(DUBINS, letters)
+    verdict = observability_of(model, held=STRAIGHT)
     words = [model.h]
     for _ in range(4):
         words.append(lie_derivative(words[-1], model.x, model.drift))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
 import casadi as ca
 
+from obsdesign.checks import require_known
 from obsdesign.model import Model
-from obsdesign.rank.constants import symbolise
+from obsdesign.rank.constants import as_rational, symbolise
 from obsdesign.rank.graph import instructions, is_rational
 from obsdesign.rank.taylor import Flow
 
@@ -78,18 +79,22 @@ class Equations:
         return replace(self, unknown=tuple(self.unknown[j] for j in kept))
 
 
-def equations_of(model: Model) -> Equations:
-    """Return the model's equations with a symbol for every constant."""
+def equations_of(model: Model, held: Mapping[str, float] | None = None) -> Equations:
+    """Return the model's equations with a symbol for every constant; held: known inputs kept at a value, which joins the drift."""
+    held = held or {}
+    require_known("held", tuple(held), model.input_names)
+    levels = ca.SX.sym("held", len(held))
+    columns = {name: i for i, name in enumerate(model.input_names)}
     n, q, m = model.x.numel(), len(model.outputs), len(model.inputs)
     graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))))
     fields = ca.horzsplit(ca.reshape(graph.expression[q:], n, -1))
     return Equations(
         x=model.x,
         names=model.state_names,
-        constants=graph.constants,
-        values=graph.values,
-        drift=fields[0],
-        known=tuple(fields[1 : m + 1]),
+        constants=ca.vertcat(graph.constants, levels),
+        values=(*graph.values, *(as_rational(float(value)) for value in held.values())),
+        drift=fields[0] + sum((fields[1 + columns[name]] * levels[i] for i, name in enumerate(held)), ca.SX.zeros(n)),
+        known=tuple(fields[1 + i] for name, i in columns.items() if name not in held),
         unknown=tuple(fields[m + 1 :]),
         outputs=graph.expression[:q],
         output_names=tuple(signal.name for signal in model.outputs),

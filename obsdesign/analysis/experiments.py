@@ -88,8 +88,7 @@ class Experiments:
         """Return rank J."""
         if self.place.modular:
             return self._modular_rank(self.orders, slice(None))
-        width = len(self.equations.unknown) * self.orders + self.equations.n
-        return self._rank(range(len(self.labels)), 0, width).rank
+        return self._rank(range(len(self.labels)), 0, confirmed=False).rank
 
     # ------------------------------------------------ modulo the prime
 
@@ -118,23 +117,30 @@ class Experiments:
 
     # ------------------------------------------------ in balls
 
-    def rank(self, order: int | None = None, only: Sequence[tuple[int, int, int]] | None = None) -> Rank:
-        """Return the rank of what the rows (up to the order, or only some) tell about the state that is asked for."""
-        chosen = [i for i, label in enumerate(self.labels) if (label in only if only is not None else label[1] <= (order or 0))]
-        return self._rank(chosen, self.eliminated, self.equations.asked)
+    def rank(self, order: int, *, confirmed: bool = True) -> Rank:
+        """Return the rank of what the rows up to the order tell about the state that is asked for."""
+        return self._rank([i for i, k in enumerate(self.row_orders) if k <= order], self.eliminated, confirmed=confirmed)
 
-    def total_rank(self, order: int) -> Rank:
+    def rank_of_rows(self, labels: Sequence[tuple[int, int, int]], at_least: int) -> Rank:
+        """Return the rank of what some rows tell about the state that is asked for; at_least: what is known of it."""
+        chosen = [i for i, label in enumerate(self.labels) if label in labels]
+        return self._rank(chosen, self.eliminated, at_least=at_least)
+
+    def total_rank(self, order: int, *, confirmed: bool = True) -> Rank:
         """Return the rank of what the rows up to the order tell about the state, added states included."""
         chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
-        return self._rank(chosen, len(self.equations.unknown) * self.orders, self.equations.n)
+        return self._rank(chosen, len(self.equations.unknown) * self.orders, confirmed=confirmed)
 
-    def _rank(self, chosen: Sequence[int], eliminated: int, n: int) -> Rank:
+    def _rank(self, chosen: Sequence[int], eliminated: int, *, confirmed: bool = True, at_least: int = 0) -> Rank:
         def rows() -> list[list[arb]]:
             every = self._ball_rows()
             return [every[i] for i in chosen]
 
+        width = len(self.equations.unknown) * self.orders + self.equations.n
+        stages = [self.row_orders[i] for i in chosen]
         try:
-            return rank_of(rows, n, eliminated, stages=[self.row_orders[i] for i in chosen])
+            known = {"confirmed": confirmed, "at_least": at_least, "precisions": self.place.precisions}
+            return rank_of(rows, width - eliminated, eliminated, stages, **known)
         except NoValueError as error:
             _, order, output = self.labels[chosen[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"

@@ -12,7 +12,7 @@ from flint import arb
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, cut, finding_of
-from obsdesign.analysis.growth import Growth, generic_growth, require_value
+from obsdesign.analysis.growth import Growth, generic_growth, require_one_piece, require_value
 from obsdesign.analysis.jets import jets_finding
 from obsdesign.analysis.places import Place, Surroundings, modular_place
 from obsdesign.analysis.recursion import brackets_leave_rates_alone, recursion
@@ -32,11 +32,18 @@ def generic_finding(equations: Equations, smooth: bool, around: Surroundings) ->
     """
     if not equations.unknown:
         return _known(equations, around)
-    cap = generic_growth(equations.with_all_known(), around)
+    growth = generic_growth(equations.with_all_known(), around)
+    cap = growth.dimension if growth.decided else equations.asked
     if smooth or not equations.known:
-        return finding_of(generic_growth(equations, around), cap.dimension)
-    told = equations.with_unknown(_felt(equations, cap))
-    return _switched(told, cap.dimension, around) if told.unknown else _known(told, around)
+        return finding_of(generic_growth(equations, around), cap)
+    told = equations.with_unknown(_felt(equations, growth)) if growth.decided else equations
+    return _switched(told, cap, around) if told.unknown else _known(told, around)
+
+
+def cap_of(equations: Equations, around: Surroundings) -> int:
+    """Return the dimension for somebody who knows the unknown inputs; n where that is not decided."""
+    growth = generic_growth(equations.with_all_known(), around)
+    return growth.dimension if growth.decided else equations.asked
 
 
 def _known(equations: Equations, around: Surroundings) -> Finding:
@@ -44,7 +51,7 @@ def _known(equations: Equations, around: Surroundings) -> Finding:
     finding = finding_of(growth)
     if len(equations.fields) < 2:
         return finding
-    space = Space(equations, _working_place(equations, growth))
+    space = Space(equations, _working_place(equations, growth), confirmed=False)
     return _counted(finding, sweeps(space, equations.outputs, equations.fields))
 
 
@@ -91,8 +98,7 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
     finding = _rescaled(equations, cap, around)
     if finding:
         return finding
-    enough = min(cap, equations.asked)
-    bound = jets_finding(equations, False, around, enough)
+    bound = jets_finding(equations, False, around, cap)
     if bound.decided:
         return bound
     for level in range(1, LEVELS + 1):
@@ -100,7 +106,7 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
         finding = _rescaled(extended, cap, around)
         if finding and finding.decided and finding.dimension >= bound.dimension:
             return replace(finding, place=Place(finding.place.state[extended.extra :]))
-    return jets_finding(equations, False, around, enough, patience=2 * equations.n + 2)
+    return jets_finding(equations, False, around, cap, patience=2 * equations.n + 2)
 
 
 def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding | None:
@@ -108,8 +114,8 @@ def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding |
     for place in around.places(equations.extra):
         try:
             require_value(equations, place)
-            modular = equations.is_rational and not around.alone
-            space = Space(equations, modular_place(equations.n, around.seed) if modular else place)
+            require_one_piece(equations, around, place)
+            space = space_at(equations, place, around)
             rescaled = rescale(space)
             return _canonic(space, rescaled, cap, around) if rescaled else None
         except TooLargeError:
@@ -117,6 +123,12 @@ def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding |
         except (NoValueError, ZeroDivisionError):
             continue
     return None
+
+
+def space_at(equations: Equations, place: Place, around: Surroundings) -> Space:
+    """Return where expressions are evaluated: modulo the prime if that stands for the generic place."""
+    modular = equations.is_rational and not around.alone
+    return Space(equations, modular_place(equations.n, around.seed) if modular else place)
 
 
 def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -> Finding:
@@ -127,13 +139,15 @@ def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -
     """
     equations = rescaled.equations
     told = generic_growth(rescaled.known_equations(rescaled.switched_rates), around)
-    most = told.dimension
-    if told.dimension not in (cap, equations.asked):
-        most = generic_growth(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around).dimension
+    most = min(cap, equations.asked)
+    if told.dimension < most:
+        above = generic_growth(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around)
+        most = above.dimension if above.decided else most
     if told.dimension == most or not told.decided or brackets_leave_rates_alone(space, rescaled):
         finding = finding_of(told, cap)
     else:
         finding = jets_finding(equations, False, around, most, patience=2 * equations.n + 2, ends=True)
-        if finding.dimension == most < min(cap, equations.asked):
+        if finding.decided and finding.dimension == most < min(cap, equations.asked):
             finding = replace(finding, stopped_by="criterion", at_most="no more: the tensor T belongs to the space")
-    return finding if equations.extra else _counted(finding, (kept.numel() for kept in recursion(space, rescaled)))
+    counting = replace(space, confirmed=False)
+    return finding if equations.extra else _counted(finding, (kept.numel() for kept in recursion(counting, rescaled)))

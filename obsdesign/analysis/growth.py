@@ -9,7 +9,7 @@ as the weakly unobservable subspace of the linear time-varying system along the 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 
@@ -17,7 +17,7 @@ from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.places import Place, Surroundings, modular_place
 from obsdesign.errors import InputError
-from obsdesign.rank.elimination import Rank, rank_at
+from obsdesign.rank.elimination import Rank, first_without_value
 from obsdesign.rank.graph import NoValueError
 
 _SEEDS = 5
@@ -55,43 +55,63 @@ def require_value(equations: Equations, place: Place) -> None:
     rates = [f"the rate of {name}" for _ in fields for name in equations.names]
     checks = [(ca.vertcat(equations.outputs, *fields), outputs + rates), (gradient, [f"the gradient of {output}" for output in outputs])]
     for expression, labels in checks:
-        try:
-            rank_at(equations.function(expression), (place.state, equations.values))
-        except NoValueError as error:
-            raise NoValueError(error.row, f"{labels[error.row]} at {place.in_words(equations.names)}") from None
+        row = first_without_value(equations.function(expression), (place.state, equations.values))
+        if row is not None:
+            raise NoValueError(row, f"{labels[row]} at {place.in_words(equations.names)}")
 
 
 def generic_growth(equations: Equations, around: Surroundings) -> Growth:
     """Return the growth at the first of the random places where everything has a value."""
     seed = around.seed
     found = _modular_growth(equations, seed) if equations.is_rational and not around.alone else None
-    failure: Exception | None = None
+    failure: NoValueError | None = None
+    undecided: Growth | None = None
     for place in around.places(equations.extra):
         try:
             require_value(equations, place)
+            require_one_piece(equations, around, place)
             growth = growth_at(equations, place, seed) if found is None else _confirmed(equations, place, seed, found)
         except NoValueError as error:
             failure = error
             continue
-        if growth:
+        if growth.decided or found is None:
             return growth
+        undecided = undecided or growth
+    if undecided:
+        return undecided
     raise InputError(f"no random point was found in the domain of every function ({failure}): give a point")
+
+
+def require_one_piece(equations: Equations, around: Surroundings, place: Place) -> None:
+    """Raise NoValueError unless everything has a value in a box around the place and the centre of its surroundings.
+
+    A function with pieces has none in a box that holds one of its kinks.
+    """
+    if around.centre is not None and not around.alone:
+        require_value(equations, around.box(place))
 
 
 def growth_at(equations: Equations, place: Place, seed: int) -> Growth:
     """Return the growth at a place that is generic (on its orbit), in balls."""
     dimensions: list[int] = []
-    last = 0
+    last = -1
     for orders in _orders(equations):
         experiments = Experiments(equations, place, orders, seed=seed)
         for order in range(len(dimensions), orders + 1):
-            rank = experiments.rank(order)
+            rank, total = _ranks(experiments, order, confirmed=False)
+            if total.rank == last or rank.rank == equations.asked or not total.decided:
+                rank, total = _ranks(experiments, order, confirmed=True)
             dimensions.append(rank.rank)
-            total = experiments.total_rank(order).rank if equations.extra else rank.rank
-            if rank.rank == equations.asked or not rank.decided or (order > 0 and total == last):
-                return Growth(tuple(dimensions), rank, place, rank.decided or rank.rank == equations.asked, modular=False)
-            last = total
+            if total.rank == last or rank.rank == equations.asked or not total.decided:
+                return Growth(tuple(dimensions), rank, place, rank.decided and total.decided, modular=False)
+            last = total.rank
     raise AssertionError("the observable space grew more often than it has dimensions")
+
+
+def _ranks(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[Rank, Rank]:
+    """Return the rank of what is known about the state that is asked for, and about that with the added states."""
+    rank = experiments.rank(order, confirmed=confirmed)
+    return rank, experiments.total_rank(order, confirmed=confirmed) if experiments.equations.extra else rank
 
 
 def _modular_growth(equations: Equations, seed: int) -> tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]:
@@ -128,12 +148,8 @@ def _orders(equations: Equations) -> Iterator[int]:
     yield limit
 
 
-def _confirmed(
-    equations: Equations, place: Place, seed: int, found: tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]
-) -> Growth | None:
-    """Return the growth with its null space at a real place; None where the place happens to show less."""
+def _confirmed(equations: Equations, place: Place, seed: int, found: tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]) -> Growth:
+    """Return the growth with its null space at a real place, not decided where this happens to show less."""
     dimensions, labels = found
-    rank = Experiments(equations, place, len(dimensions) - 1, seed=seed).rank(only=labels)
-    if rank.rank != dimensions[-1]:
-        return None
-    return Growth(dimensions, replace(rank, decided=True), place, decided=True, modular=True)
+    rank = Experiments(equations, place, len(dimensions) - 1, seed=seed).rank_of_rows(labels, at_least=dimensions[-1])
+    return Growth(dimensions, rank, place, decided=rank.rank == dimensions[-1], modular=True)

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.finding import Finding, cut
+from obsdesign.analysis.finding import Finding, cut, precision_reached
 from obsdesign.analysis.places import Place, Surroundings, modular_place
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError
@@ -42,8 +42,11 @@ def jets_finding(  # noqa: PLR0917
     for place in around.places(equations.extra):
         try:
             experiments, dimensions = found or look(place)
-            labels = experiments.independent(experiments.orders) if modular else None
-            rank = replace(experiments, place=place).rank(experiments.orders, labels)
+            if modular:
+                labels = experiments.independent(experiments.orders)
+                rank = replace(experiments, place=place).rank_of_rows(labels, at_least=dimensions[-1])
+            else:
+                rank = experiments.rank(experiments.orders)
         except NoValueError:
             continue
         finding = jets_verdict(rank, place, dimensions, enough)
@@ -75,7 +78,7 @@ def _followed(first: Experiments, smooth: bool) -> tuple[Experiments, tuple[int,
 
 
 def _dimension(experiments: Experiments, order: int) -> int:
-    return experiments.dimension(order) if experiments.place.modular else experiments.rank(order).rank
+    return experiments.dimension(order) if experiments.place.modular else experiments.rank(order, confirmed=False).rank
 
 
 def jets_verdict(rank: Rank, place: Place, dimensions: Sequence[int], enough: int) -> Finding:
@@ -83,6 +86,8 @@ def jets_verdict(rank: Rank, place: Place, dimensions: Sequence[int], enough: in
     n = rank.rank + rank.null_space.shape[1]
     orders = len(dimensions) - 1
     ranks = cut(dimensions)
+    if not rank.decided:
+        return Finding(rank, place, ranks, "precision", precision_reached())
     if rank.rank == n:
         return Finding(rank, place, ranks, "full", "no more is possible")
     if rank.rank >= enough:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.errors import InputError
-from obsdesign.rank.balls import BALLS, Number
+from obsdesign.rank.balls import BALLS, PRECISIONS, Number, as_ball
 from obsdesign.rank.constants import as_rational
 from obsdesign.rank.graph import Arithmetic
 from obsdesign.rank.residues import PRIME, RESIDUES
@@ -22,15 +22,16 @@ Exact = tuple[Fraction, ...]
 # Where random points are looked for: inside the domain of sqrt, log, acos and acosh first. Corners are whole numbers.
 _BOXES = ((0, 1), (-1, 1), (1, 3), (-3, -1), (-100, 100), (0, 1000))
 _DRAWS_PER_BOX = 3
-_NEARNESS = (Fraction(1, 2**10), Fraction(1, 2**20), Fraction(1, 2**30))
+_NEARNESS = tuple(Fraction(1, 2**k) for k in (10, 20, 30, 50, 80, 120))
 
 
 @dataclass(frozen=True)
 class Place:
-    """A state (n,): rationals, balls, or whole numbers modulo the prime."""
+    """A state (n,): rationals, balls, or whole numbers modulo the prime; precisions: bits that make sense there, tried in turn."""
 
     state: tuple[Number, ...]
     modular: bool = False
+    precisions: tuple[int, ...] = PRECISIONS
 
     @property
     def arithmetic(self) -> Arithmetic:
@@ -93,6 +94,14 @@ class Surroundings:
             steps = random_fractions(self.n, f"{self.seed} step {attempt}")
             state = [_moved(value, radius * step) for value, step in zip(self.centre.state, steps, strict=True)]
             yield Place((*random_fractions(extra, f"{self.seed} extra {attempt}"), *state))
+
+    def box(self, place: Place) -> Place:
+        """Return the states between the centre and a place, as balls."""
+        if self.centre is None:
+            return place
+        asked = place.state[len(place.state) - self.n :]
+        between = [as_ball(value).union(as_ball(centre)) for value, centre in zip(asked, self.centre.state, strict=True)]
+        return Place((*place.state[: len(place.state) - self.n], *between))
 
 
 def _moved(value: Number, step: Fraction) -> Number:

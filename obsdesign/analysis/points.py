@@ -1,7 +1,8 @@
 """The observable space at a state that was asked for: there it may be less than nearby.
 
-The rank of all derivatives is the same at all states that can be reached from one (the flow carries them over). So it is
-found at a state on the way, generic among those, where a step that adds nothing ends it; and proven from the state itself.
+With known inputs alone the rank of all derivatives is the same at all states that can be reached from one (the flow carries
+them over). So it is found at a state on the way, generic among those, where a step that adds nothing ends it; and proven from
+the state itself. Unknown inputs are first replaced by what the outputs give away of them, where that is regular at the state.
 """
 
 from __future__ import annotations
@@ -15,63 +16,136 @@ from flint import arb
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, StoppedBy, cut, precision_reached
-from obsdesign.analysis.generic import generic_finding
+from obsdesign.analysis.generic import space_at
+from obsdesign.analysis.growth import generic_growth, growth_at, require_one_piece, require_value
 from obsdesign.analysis.places import Place, Surroundings, random_fractions
+from obsdesign.analysis.rescaled import Rescaled, rescale
+from obsdesign.analysis.words import Space, TooLargeError
 from obsdesign.errors import InputError
 from obsdesign.rank.balls import BALLS
 from obsdesign.rank.elimination import Rank
+from obsdesign.rank.graph import NoValueError
 from obsdesign.rank.taylor import Arguments
 
 ORDERS = 40
 """No higher derivatives than this, or than 2 n + 12, are taken at a state."""
-_BITS, _TERMS = 768, 40
-_ERROR = arb(2) ** -480
+_BITS, _TERMS, _ERROR = 1024, 40, arb(2) ** -960
+"""A state on the way is known to _ERROR, from so many terms, so ranks there are taken with so many bits."""
+_HALVINGS = 60
 
 
-def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding, seed: int) -> Finding:
-    """Return what is observable at the place; nearby: what is at generic states around it."""
-    rank, ranks = _proven(equations, smooth, place, nearby.dimension, seed)
-    if nearby.decided and rank.rank > nearby.dimension:
-        why = f"nearby it is {nearby.dimension}; here a generic unknown input gives away more, a special one would not"
-        return Finding(rank, place, ranks, "stalled", f"not decided: {why}")
-    if rank.rank == equations.asked:
+def finding_at(equations: Equations, smooth: bool, place: Place, seed: int) -> Finding:
+    """Return what is observable at the place. Raises NoValueError where derivatives have no value."""
+    if not equations.unknown:
+        return _known(equations, place, seed)
+    cap = _cap(equations, place, seed)
+    return _by_rescaling(equations, smooth, place, cap, seed) or _by_jets(equations, smooth, place, cap, seed)
+
+
+def jets_at(equations: Equations, smooth: bool, place: Place, seed: int, orders: int | None = None) -> Finding:
+    """Return the lower bound by derivatives at the place, up to `orders`."""
+    return _by_jets(equations, smooth, place, _cap(equations, place, seed), seed, orders)
+
+
+def _cap(equations: Equations, place: Place, seed: int) -> int:
+    """Return the dimension at the place for somebody who knows the unknown inputs; n where that is not decided."""
+    cap = _known(equations.with_all_known(), place, seed)
+    return cap.dimension if cap.decided else equations.n
+
+
+def _known(equations: Equations, place: Place, seed: int) -> Finding:
+    """Return what is observable at the place with known inputs alone."""
+    around = Surroundings(equations.n, seed, place)
+    nearby = generic_growth(equations, around)
+    rank, ranks = _proven(equations, False, place, nearby.dimension if nearby.decided else equations.n, seed)
+    if rank.rank == equations.n and rank.decided:
         return Finding(rank, place, ranks, "full", "no more is possible")
     if not rank.decided:
         return Finding(rank, place, ranks, "precision", precision_reached())
-    if not nearby.decided:
-        return Finding(rank, place, ranks, "stalled", f"not decided here, as it is nearby: {nearby.at_most}")
-    if rank.rank == nearby.dimension:
+    if nearby.decided and rank.rank == nearby.dimension:
         return Finding(rank, place, ranks, "cap", "no more is possible: the generic rank is the same")
-    stopped_by, why = _compared(equations, smooth, place, rank, seed)
+    stopped_by, why = _compared(equations, place, rank, seed)
     return Finding(rank, place, ranks, stopped_by, f"{why}; nearby it is {nearby.dimension}")
 
 
-def _proven(equations: Equations, smooth: bool, place: Place, goal: int, seed: int) -> tuple[Rank, tuple[int, ...]]:
+def _by_rescaling(equations: Equations, smooth: bool, place: Place, cap: int, seed: int) -> Finding | None:
+    """Return what is observable where the outputs give all unknown inputs away at the place itself; None where they do not."""
+    rescaled = _regular(equations, place, seed)
+    if rescaled is None:
+        return None
+    try:
+        if smooth or not equations.known:
+            found = _known(rescaled.smooth_equations(), place, seed)
+            return _limited(found, cap) if found.decided else None
+        told = _known(rescaled.known_equations(rescaled.switched_rates), place, seed)
+        if told.decided and told.dimension < cap:
+            above = _known(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), place, seed)
+            told = told if above.decided and above.dimension == told.dimension else None
+    except NoValueError:
+        return None
+    return _limited(told, cap) if told and told.decided else None
+
+
+def _limited(finding: Finding, cap: int) -> Finding:
+    """Return the finding with the reason that holds for the system with its unknown inputs."""
+    if finding.stopped_by == "full":
+        return finding
+    if finding.dimension == cap:
+        return replace(finding, stopped_by="cap", at_most="no more is possible: it is as much if the inputs are known")
+    return replace(finding, stopped_by="criterion", at_most=f"with the unknown inputs replaced by rates of outputs {finding.at_most}")
+
+
+def _regular(equations: Equations, place: Place, seed: int) -> Rescaled | None:
+    """Return the rescaled system if it is regular at the place."""
+    around = Surroundings(equations.n, seed, place)
+    for near in around.places():
+        try:
+            require_value(equations, near)
+            require_one_piece(equations, around, near)
+            rescaled = rescale(space_at(equations, near, around))
+            return rescaled.regular_at(Space(equations, place)) if rescaled else None
+        except TooLargeError:
+            return None
+        except (NoValueError, ZeroDivisionError):
+            continue
+    return None
+
+
+def _by_jets(equations: Equations, smooth: bool, place: Place, cap: int, seed: int, orders: int | None = None) -> Finding:
+    """Return the lower bound by derivatives at the place, decided where it is as much as with the inputs known."""
+    rank, ranks = _proven(equations, smooth, place, cap, seed, orders)
+    if rank.decided and rank.rank == equations.n:
+        return Finding(rank, place, ranks, "full", "no more is possible")
+    if rank.decided and rank.rank == cap:
+        return Finding(rank, place, ranks, "cap", "no more is possible: it is as much if the inputs are known")
+    order = orders or max(_orders(equations.n))
+    why = f"a lower bound: derivatives were followed to order {order}, and a higher order may add more"
+    return Finding(rank, place, ranks, "stalled", f"not decided: {why}")
+
+
+def _proven(
+    equations: Equations, smooth: bool, place: Place, goal: int, seed: int, orders: int | None = None
+) -> tuple[Rank, tuple[int, ...]]:
     """Return the rank of derivatives at the place up to the first order that reaches the goal, and the dimensions by order."""
     ranks: list[int] = []
     rank = Experiments(equations, place, 0, seed=seed).rank(0)
-    for orders in _orders(equations.n):
-        experiments = Experiments(equations, place, orders, seed=seed)
+    steps = (orders,) if orders else tuple(_orders(equations.n))
+    for highest in steps:
+        experiments = Experiments(equations, place, highest, seed=seed)
         if equations.known and not smooth:
             experiments = experiments.completed()
-        for order in range(len(ranks), orders + 1):
-            rank = experiments.rank(order)
+        for order in range(len(ranks), highest + 1):
+            rank = experiments.rank(order, confirmed=False)
+            if rank.rank >= goal or not rank.decided or order == steps[-1]:
+                rank = experiments.rank(order)
             ranks.append(rank.rank)
-            if rank.rank >= goal and equations.unknown:
-                return _looked_beyond(experiments, rank, ranks)
             if rank.rank >= goal or not rank.decided:
                 return rank, tuple(ranks)
     return rank, cut(ranks)
 
 
-def _looked_beyond(experiments: Experiments, rank: Rank, ranks: list[int]) -> tuple[Rank, tuple[int, ...]]:
-    """Return the rank n orders later: where unknown inputs lose their effect on the outputs it may exceed what is seen nearby."""
-    beyond = replace(experiments, orders=min(len(ranks) - 1 + experiments.equations.n, ORDERS))
-    later = beyond.rank(beyond.orders)
-    return (later, (*ranks, later.rank)) if later.rank > rank.rank else (rank, tuple(ranks))
-
-
 def _orders(n: int) -> Iterator[int]:
+    """Yield 2, 4, 8, ... up to the highest order of derivatives that is taken at a state."""
     limit = min(2 * n + 12, ORDERS)
     orders = 2
     while orders < limit:
@@ -80,13 +154,11 @@ def _orders(n: int) -> Iterator[int]:
     yield limit
 
 
-def _compared(equations: Equations, smooth: bool, place: Place, rank: Rank, seed: int) -> tuple[StoppedBy, str]:
+def _compared(equations: Equations, place: Place, rank: Rank, seed: int) -> tuple[StoppedBy, str]:
     """Return whether it is as much at the place as at the states that can be reached from it, and say so."""
-    most = max(_orders(equations.n))
-    here = f"derivatives up to order {most} add nothing here but balls around 0, up to {rank.largest_remainder:.1e}"
+    here = f"derivatives up to order {max(_orders(equations.n))} add nothing here but balls around 0, up to {rank.largest_remainder:.1e}"
     try:
-        reached = reachable(equations, place, seed)
-        along = generic_finding(equations, smooth, Surroundings(equations.n, seed, reached, alone=True))
+        along = growth_at(equations, reachable(equations, place, seed), seed)
     except InputError as error:
         return "stalled", f"not decided: {here} ({error})"
     if along.decided and along.dimension == rank.rank:
@@ -96,7 +168,7 @@ def _compared(equations: Equations, smooth: bool, place: Place, rank: Rank, seed
 
 def reachable(equations: Equations, place: Place, seed: int) -> Place:
     """Return a state shortly after the place on a solution with random smooth inputs, as balls that hold it."""
-    with flint.ctx.workprec(_BITS):
+    with flint.ctx.workprec(2 * _BITS):
         number = BALLS.number
         counts = {"known": len(equations.known), "unknown": len(equations.unknown)}
         inputs = {
@@ -110,8 +182,16 @@ def reachable(equations: Equations, place: Place, seed: int) -> Place:
             constants=[number(value) for value in equations.values],
         )
         states = equations.flow.solution(BALLS, arguments, _TERMS)
-        time = min((_time(abs(series[k]), k) for series in states for k in (_TERMS - 1, _TERMS)), default=arb(1) / 2)
-        return Place(tuple(_value(series, time) for series in states))
+        time = min(arb(1) / 2, *(_time(abs(series[k]), k) for series in states for k in range(_TERMS - 7, _TERMS + 1)))
+        for _ in range(_HALVINGS):
+            reached = Place(tuple(_value(series, time) for series in states), precisions=(_BITS,))
+            try:
+                require_value(equations, Surroundings(equations.n, seed, place).box(reached))
+            except NoValueError:
+                time = time / 2  # a kink may lie on the way
+                continue
+            return reached
+    raise InputError(f"no state was found that is reached from {place.in_words(equations.names)} without a kink or a pole nearby")
 
 
 def _time(coefficient: arb, k: int) -> arb:

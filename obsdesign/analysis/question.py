@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.equations import Equations, equations_of
+from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding
-from obsdesign.analysis.generic import generic_finding
+from obsdesign.analysis.generic import cap_of, generic_finding
 from obsdesign.analysis.growth import generic_growth, require_value
 from obsdesign.analysis.hidden import hidden_in_words
 from obsdesign.analysis.jets import jets_finding
 from obsdesign.analysis.places import Place, Surroundings, as_place, random_fractions
-from obsdesign.analysis.points import finding_at
+from obsdesign.analysis.points import finding_at, jets_at
 from obsdesign.analysis.polynomial import Polynomial, augmented
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.checks import require_count
@@ -68,49 +69,48 @@ def observability_of(
 ) -> Verdict:
     """Return the verdict for a model, such as some of a system's sensors: `system.model.only(names)`. See `observability`."""
     _require_answerable(model, disturbance, known_inputs, method, orders, seed)
-    model = model.holding(_as_held(held or {}))
     asked = augmented(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
     place = None if at is None else _place(model, asked, at, seed)
-    equations = equations_of(asked)
+    equations = equations_of(asked, _as_held(held or {}))
     if place:
         require_value(equations, place)
+        Experiments(equations, place, 2, seed=seed).rank(2, confirmed=False)  # raises where a derivative has no value
     around = Surroundings(equations.n, seed, place)
     smooth = known_inputs == "smooth"
     if method == "jets":
-        return _verdict(asked, model, _jets(equations, smooth, replace(around, alone=place is not None), orders), disturbance, known_inputs)
+        finding = jets_at(equations, smooth, place, seed, orders) if place else _jets(equations, smooth, around, orders)
+        return _verdict(asked, model, finding, disturbance, known_inputs)
     nearby = generic_finding(equations, smooth, around)
     if isinstance(disturbance, Polynomial) and asked is not model:
-        nearby = replace(nearby, at_most=f"{nearby.at_most}; {_induction(model, disturbance.degree, nearby, seed)}")
+        higher = equations_of(augmented(model, disturbance.degree + 1), held)
+        step = _induction(higher, len(model.unknown_inputs), nearby, seed)
+        nearby = replace(nearby, at_most=f"{nearby.at_most}; {step}")
     generic = _verdict(asked, model, nearby, disturbance, known_inputs)
     if place is None:
         return generic
-    verdict = _verdict(asked, model, finding_at(equations, smooth, place, nearby, seed), disturbance, known_inputs)
+    verdict = _verdict(asked, model, finding_at(equations, smooth, place, seed), disturbance, known_inputs)
     return verdict if verdict.dimension == generic.dimension else replace(verdict, generic=generic)
 
 
 def _jets(equations: Equations, smooth: bool, around: Surroundings, orders: int | None) -> Finding:
-    cap = generic_growth(equations.with_all_known(), around).dimension
-    return jets_finding(equations, smooth, around, min(cap, equations.n), orders=orders)
+    return jets_finding(equations, smooth, around, cap_of(equations, around), orders=orders)
 
 
-def _induction(model: Model, degree: int, finding: Finding, seed: int) -> str:
+def _induction(higher: Equations, unknown: int, finding: Finding, seed: int) -> str:
     """Say whether one degree more adds as many dimensions as there are unknown inputs: the step of Belo's induction."""
-    higher = equations_of(augmented(model, degree + 1))
     added = generic_growth(higher, Surroundings(higher.n, seed)).dimension - finding.dimension
-    p = len(model.unknown_inputs)
-    step = f"degree {degree + 1} adds {added} for {p} unknown input{'s' * (p > 1)}"
-    return f"{step}: the induction step holds" if added == p else f"{step}: the induction step does not hold"
+    holds = "holds" if added == unknown else "does not hold"
+    return f"one degree more adds {added} for {unknown} unknown input{'s' * (unknown > 1)}: the induction step {holds}"
 
 
 def _verdict(asked: Model, model: Model, finding: Finding, disturbance: Disturbance, known_inputs: KnownInputs) -> Verdict:
     rank, at, n = finding.rank, finding.place.midpoint, len(asked.states)
     hidden = hidden_in_words(asked, rank.null_space, at)
-    seen = [not row.any() for row in rank.null_space]
     return Verdict(
         dimension=rank.rank,
         observable=rank.rank == n,
-        observable_states=tuple(name for name, is_seen in zip(asked.state_names, seen, strict=True) if is_seen),
-        unobservable_states=tuple(name for name, is_seen in zip(asked.state_names, seen, strict=True) if not is_seen),
+        observable_states=tuple(name for name, is_seen in zip(asked.state_names, rank.seen, strict=True) if is_seen),
+        unobservable_states=tuple(name for name, is_seen in zip(asked.state_names, rank.seen, strict=True) if not is_seen),
         null_space=rank.null_space,
         hidden=hidden if finding.decided else f"not decided, not seen so far: {hidden}",
         ranks=finding.ranks,

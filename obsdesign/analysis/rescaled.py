@@ -79,8 +79,8 @@ class Rescaled:
         return found
 
     def known_equations(self, *told: ca.SX) -> Equations:
-        """Return the system as one with known inputs (v, u) whose outputs are the functions and whatever else is told."""
-        outputs = ca.vertcat(self.functions, *told)
+        """Return the system as one with known inputs (v, u) whose outputs are those it has, and whatever else is told."""
+        outputs = ca.vertcat(self.equations.outputs, self.functions, *told)
         variable = sorted(set(ca.jacobian_sparsity(outputs, self.equations.x).row()))
         return replace(
             self.equations,
@@ -90,6 +90,19 @@ class Rescaled:
             outputs=outputs[variable],
             output_names=tuple(f"function {i}" for i in range(len(variable))),
         )
+
+    def smooth_equations(self) -> Equations:
+        """Return the system with v = d hh / dt under the known input u, to which the unknown inputs may react."""
+        every = ca.horzcat(*self.fields[1:])
+        moved = [ca.jacobian(self.chosen, self.equations.x) @ field for field in self.equations.known]
+        fields = [field - every @ rate for field, rate in zip(self.equations.known, moved, strict=True)]
+        return replace(self.known_equations(), known=(*self.fields[1:], *fields))
+
+    def regular_at(self, space: Space) -> Rescaled | None:
+        """Return the system rescaled by functions whose M is invertible at the place, if there are such."""
+        entered = _entered(self.equations, self.functions)
+        chosen = space.independent(ca.densify(entered)).chosen
+        return replace(self, chosen=self.functions[list(chosen)]) if len(chosen) == entered.shape[1] else None
 
 
 def rescale(space: Space) -> Rescaled | None:

@@ -31,10 +31,11 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Functions of the state and where to evaluate them."""
+    """Functions of the state and where to evaluate them; confirmed: what counts as 0 is confirmed at a high precision."""
 
     equations: Equations
     place: Place
+    confirmed: bool = True
 
     def independent(self, matrix: ca.SX, stages: Sequence[int] | None = None) -> Rows:
         """Return independent rows of the matrix at the place, those of a lower stage first. Raises TooLargeError, NoValueError."""
@@ -49,7 +50,7 @@ class Space:
             order = sorted(range(len(values)), key=lambda i: stages[i] if stages else 0)
             chosen = independent_rows([values[i] for i in order])
             return Rows(tuple(sorted(order[i] for i in chosen)), True)
-        rank = rank_at(function, (self.place.state, self.equations.values), stages or range(matrix.shape[0]))
+        rank = rank_at(function, (self.place.state, self.equations.values), stages or range(matrix.shape[0]), confirmed=self.confirmed)
         return Rows(tuple(sorted(rank.rows)), rank.decided or rank.rank == matrix.shape[1])
 
     def telling(self, functions: ca.SX) -> Rows:

@@ -18,6 +18,9 @@ from obsdesign.rank.graph import Arithmetic, NotExactError, is_short
 PRECISIONS = (256, 512, 1024, 2048, 4096)
 """Working precisions [bits], tried in turn."""
 
+CONFIRMING = 2048
+"""What counts as 0 must be so at this many bits: half of them reach below the smallest double."""
+
 Ball = arb | arb_series
 Number = Fraction | int | arb
 
@@ -73,7 +76,7 @@ def _power(a: Ball, b: Ball) -> Ball:
     if isinstance(a, arb) and isinstance(b, arb):
         return a**b
     whole = b.unique_fmpz() if isinstance(b, arb) else None
-    if whole is not None and abs(whole) < 2**20:
+    if whole is not None:
         return _whole_power(a, int(whole))
     return _exp(b * _log(a)) if lead(a) > 0 else arb.nan()
 

@@ -11,7 +11,7 @@ import flint
 import numpy as np
 from flint import arb
 
-from obsdesign.rank.balls import BALLS, PRECISIONS, Number, as_ball, is_finite
+from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS, Number, as_ball, is_finite
 from obsdesign.rank.graph import Instruction, NoValueError, evaluate, instructions
 
 Rows = list[list[arb]]
@@ -21,8 +21,8 @@ Rows = list[list[arb]]
 class Rank:
     """Rank of a matrix (m, n) at a point: at least `rank` by proof; where not `decided`, perhaps more.
 
-    bits: precision used; rows, columns: of the pivots, in order; null_space (n, n - rank): orthonormal basis of what the
-    pivots' rows annihilate, a row of it exactly 0 where the column's unit covector is in the row space;
+    bits: precision used; rows, columns: of the pivots, in order; seen: for every column whether its unit covector is in the
+    row space; null_space (n, n - rank): orthonormal basis of what the pivots' rows annihilate, a row of it 0 where seen;
     smallest_pivot, largest_remainder: what was told from 0 and what was not, relative to rows and columns scaled to 1.
     """
 
@@ -33,17 +33,26 @@ class Rank:
     largest_remainder: float
     rows: tuple[int, ...]
     columns: tuple[int, ...]
+    seen: tuple[bool, ...]
     null_space: np.ndarray
 
 
-def rank_at(matrix: ca.Function, arguments: Sequence[Sequence[Number]], stages: Sequence[int] | None = None, eliminated: int = 0) -> Rank:
+def rank_at(
+    matrix: ca.Function,
+    arguments: Sequence[Sequence[Number]],
+    stages: Sequence[int] | None = None,
+    eliminated: int = 0,
+    *,
+    confirmed: bool = True,
+) -> Rank:
     """Return the rank of matrix(arguments) (m, eliminated + n), doubling the precision until it is decided or the limit reached.
 
-    stages: a number per row; pivots come from rows of a lower stage as long as these have any; eliminated: see `rank_of`.
+    stages: a number per row; pivots come from rows of a lower stage as long as these have any; eliminated, confirmed: see `rank_of`.
     Raises NoValueError where a row has no finite value at any precision, NotExactError.
     """
     graph = instructions(matrix)
-    return rank_of(lambda: values_at(matrix, arguments, graph), matrix.size2_out(0) - eliminated, eliminated, stages)
+    n = matrix.size2_out(0) - eliminated
+    return rank_of(lambda: values_at(matrix, arguments, graph), n, eliminated, stages, confirmed=confirmed)
 
 
 def rank_of(
@@ -51,24 +60,33 @@ def rank_of(
     n: int,
     eliminated: int = 0,
     stages: Sequence[int] | None = None,
+    *,
+    confirmed: bool = True,
+    at_least: int = 0,
     precisions: Sequence[int] = PRECISIONS,
 ) -> Rank:
     """Return the rank of rows (m, eliminated + n) that are made anew at each precision, as far as it goes beyond `eliminated` columns.
 
     It is the rank of the combinations of rows in which the first `eliminated` columns vanish: of those in the other n columns.
+    confirmed: whatever counts as 0 must do so at CONFIRMING bits; at_least: what is known of the rank; precisions: bits, tried in turn.
     Raises NoValueError where a row has no finite value at any precision.
     """
-    rank, failed = None, []
+    rank, failed, least_bits = None, [], 0
     for bits in precisions:
+        if bits < least_bits:
+            continue
         with flint.ctx.workprec(bits):
             rows = rows_at_precision()
             failed = [i for i, row in enumerate(rows) if not all(is_finite(entry) for entry in row)]
             rank = None if failed else _beyond(rows, eliminated, n, stages)
-        if rank and rank.decided:
+        if rank is None or not rank.decided or rank.rank < at_least:
+            continue
+        if not confirmed or bits >= CONFIRMING or (rank.rank == n and not eliminated):
             break
+        least_bits = CONFIRMING
     if rank is None:
         raise NoValueError(failed[0], f"row {failed[0]} of the matrix")
-    return rank
+    return rank if rank.rank >= at_least else replace(rank, decided=False)
 
 
 def values_at(matrix: ca.Function, arguments: Sequence[Sequence[Number]], graph: Sequence[Instruction] | None = None) -> Rows:
@@ -81,6 +99,19 @@ def values_at(matrix: ca.Function, arguments: Sequence[Sequence[Number]], graph:
     return rows
 
 
+def first_without_value(matrix: ca.Function, arguments: Sequence[Sequence[Number]]) -> int | None:
+    """Return the first row of the matrix that has no finite value at any precision."""
+    graph = instructions(matrix)
+    failed: list[int] = []
+    for bits in PRECISIONS:
+        with flint.ctx.workprec(bits):
+            rows = values_at(matrix, arguments, graph)
+            failed = [i for i, row in enumerate(rows) if not all(is_finite(entry) for entry in row)]
+        if not failed:
+            return None
+    return failed[0]
+
+
 def _beyond(rows: Rows, eliminated: int, n: int, stages: Sequence[int] | None) -> Rank:
     stages = stages or [0] * len(rows)
     if not eliminated:
@@ -88,10 +119,11 @@ def _beyond(rows: Rows, eliminated: int, n: int, stages: Sequence[int] | None) -
     # numbers are scaled before the first elimination: rows by their size, so that thin means the same for all
     rows = [_scaled(row, [_exponent(row)] * len(row)) for row in rows]
     reduced, pivots, _ = _reduced(rows, range(eliminated), [0] * len(rows))
-    kept = [i for i in range(len(rows)) if i not in pivots.values()]
+    left = [i for i in range(len(rows)) if i not in pivots.values()]
+    kept = [i for i in left if all(entry.abs_upper() <= _thin() for entry in reduced[i][:eliminated])]
     rank = _eliminate([reduced[i][eliminated:] for i in kept], n, [stages[i] for i in kept])
-    vanished = all(entry.abs_upper() <= _thin() for i in kept for entry in reduced[i][:eliminated])
-    return replace(rank, decided=rank.decided and vanished, rows=tuple(kept[i] for i in rank.rows))
+    # a row that is not told to be free of the eliminated columns tells nothing
+    return replace(rank, decided=rank.decided and kept == left, rows=tuple(kept[i] for i in rank.rows))
 
 
 def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:
@@ -110,6 +142,7 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:
         largest_remainder=max(map(float, left), default=0.0),
         rows=tuple(pivots.values()),
         columns=tuple(pivots),
+        seen=tuple(j in pivots and all(0 in rows[pivots[j]][k] for k in free) for j in range(n)),
         null_space=_orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
     )
 
@@ -165,17 +198,25 @@ def _without(other: list[arb], column: int, unit: list[arb]) -> list[arb]:
     return [arb(0) if j == column else entry - factor * unit[j] for j, entry in enumerate(other)]
 
 
-def _null_vector(rows: Rows, pivots: Mapping[int, int], free: int, widths: Sequence[int]) -> list[float]:
+def _null_vector(rows: Rows, pivots: Mapping[int, int], free: int, widths: Sequence[int]) -> list[arb]:
     """Return the vector (n,) that the pivots' rows annihilate with its free entry not 0, in units of the unscaled columns."""
     vector = [-rows[pivots[j]][free] if j in pivots else arb(int(j == free)) for j in range(len(widths))]
-    balanced = _scaled(vector, [width - min(widths) for width in widths])
-    return [0.0 if 0 in entry else float(entry) for entry in balanced]
+    scaled = _scaled([arb(0) if 0 in entry else entry for entry in vector], widths)
+    return _scaled(scaled, [_exponent(scaled)] * len(scaled))
 
 
-def _orthonormal(vectors: Sequence[Sequence[float]], n: int) -> np.ndarray:
-    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,); rows of zeros stay exactly 0."""
-    if not vectors:
-        return np.zeros((n, 0))
-    columns = np.array(vectors).T
-    basis = np.linalg.qr(columns / np.abs(columns).max(axis=0))[0]
-    return np.where(np.any(columns != 0, axis=1, keepdims=True), basis, 0.0)
+def _orthonormal(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
+    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,), each entry to double precision."""
+    basis: list[list[arb]] = []
+    for vector in vectors:
+        rest = vector
+        for unit in basis:
+            share = _dot(unit, rest)
+            rest = [entry - share * other for entry, other in zip(rest, unit, strict=True)]
+        norm = _dot(rest, rest).sqrt()
+        basis.append([entry / norm for entry in rest])
+    return np.array([[float(vector[j]) for vector in basis] for j in range(n)]).reshape(n, len(vectors))
+
+
+def _dot(first: list[arb], second: list[arb]) -> arb:
+    return sum((a * b for a, b in zip(first, second, strict=True)), arb(0))
