@@ -11,10 +11,7 @@ from collections.abc import Iterator
 import casadi as ca
 
 from obsdesign.analysis.rescaled import Rescaled
-from obsdesign.analysis.words import Space, TooLargeError
-
-BRACKETS = 256
-"""No more autobrackets of one length are followed."""
+from obsdesign.analysis.words import NODES, Space, TooLargeError
 
 
 def recursion(space: Space, rescaled: Rescaled) -> Iterator[ca.SX]:
@@ -39,9 +36,10 @@ def autobrackets(space: Space, rescaled: Rescaled) -> Iterator[list[ca.SX]]:
     level = [field for field in rescaled.equations.known if not space.vanishes(field)]
     while True:
         yield level
-        level = [field for field in rescaled.brackets(level) if not space.vanishes(field)]
-        if len(level) > BRACKETS:
+        longer = rescaled.brackets(level)
+        if longer and ca.n_nodes(ca.horzcat(*longer)) > NODES:
             raise TooLargeError
+        level = [field for field in longer if not space.vanishes(field)]
 
 
 def brackets_leave_rates_alone(space: Space, rescaled: Rescaled) -> bool:
