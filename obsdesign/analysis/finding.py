@@ -62,7 +62,12 @@ def _how(growth: Growth) -> str:
     """Say how nothing was found to be nothing."""
     if growth.modular:
         return f"modulo {PRIME} at a random point"
-    return f"but balls around 0, up to {growth.rank.largest_remainder:.1e}"
+    return thin_balls(growth.rank)
+
+
+def thin_balls(rank: Rank) -> str:
+    """Say what was left that counts as 0."""
+    return f"but balls around 0 thinner than 2^-{rank.bits // 2}"
 
 
 def precision_reached() -> str:

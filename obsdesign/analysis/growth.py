@@ -21,16 +21,19 @@ from obsdesign.rank.elimination import Rank, first_without_value
 from obsdesign.rank.graph import NoValueError
 
 _SEEDS = 5
+_Found = tuple[tuple[int, ...], int, tuple[tuple[int, int, int], ...]]  # dimensions by order, the last total, independent rows
 
 
 @dataclass(frozen=True, eq=False)
 class Growth:
     """dimensions[k]: of the observable space with derivatives up to order k; rank: of the last, in balls, at `place`.
 
+    total: the last dimension with the added states
     decided: False where the precision limit was reached; modular: whether the dimensions were found modulo the prime.
     """
 
     dimensions: tuple[int, ...]
+    total: int
     rank: Rank
     place: Place
     decided: bool
@@ -98,23 +101,23 @@ def growth_at(equations: Equations, place: Place, seed: int) -> Growth:
     for orders in _orders(equations):
         experiments = Experiments(equations, place, orders, seed=seed)
         for order in range(len(dimensions), orders + 1):
-            rank, total = _ranks(experiments, order, confirmed=False)
+            rank, total = ranks_at(experiments, order, confirmed=False)
             if total.rank == last or rank.rank == equations.asked or not total.decided:
-                rank, total = _ranks(experiments, order, confirmed=True)
+                rank, total = ranks_at(experiments, order, confirmed=True)
             dimensions.append(rank.rank)
             if total.rank == last or rank.rank == equations.asked or not total.decided:
-                return Growth(tuple(dimensions), rank, place, rank.decided and total.decided, modular=False)
+                return Growth(tuple(dimensions), total.rank, rank, place, rank.decided and total.decided, modular=False)
             last = total.rank
     raise AssertionError("the observable space grew more often than it has dimensions")
 
 
-def _ranks(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[Rank, Rank]:
+def ranks_at(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[Rank, Rank]:
     """Return the rank of what is known about the state that is asked for, and about that with the added states."""
     rank = experiments.rank(order, confirmed=confirmed)
     return rank, experiments.total_rank(order, confirmed=confirmed) if experiments.equations.extra else rank
 
 
-def _modular_growth(equations: Equations, seed: int) -> tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]:
+def _modular_growth(equations: Equations, seed: int) -> _Found:
     """Return the dimensions by order, and the labels of independent rows, at a random place modulo the prime."""
     for attempt in range(_SEEDS):
         try:
@@ -124,7 +127,7 @@ def _modular_growth(equations: Equations, seed: int) -> tuple[tuple[int, ...], t
     raise InputError("no random point was found that is no pole of some function: give a point")
 
 
-def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]:
+def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> _Found:
     dimensions: list[int] = []
     last = 0
     for orders in _orders(equations):
@@ -133,7 +136,7 @@ def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> tuple[t
             dimensions.append(experiments.dimension(order))
             total = experiments.total(order)
             if dimensions[-1] == equations.asked or (order > 0 and total == last):
-                return tuple(dimensions), experiments.independent(order)
+                return tuple(dimensions), total, experiments.independent(order)
             last = total
     raise AssertionError("the observable space grew more often than it has dimensions")
 
@@ -148,8 +151,8 @@ def _orders(equations: Equations) -> Iterator[int]:
     yield limit
 
 
-def _confirmed(equations: Equations, place: Place, seed: int, found: tuple[tuple[int, ...], tuple[tuple[int, int, int], ...]]) -> Growth:
+def _confirmed(equations: Equations, place: Place, seed: int, found: _Found) -> Growth:
     """Return the growth with its null space at a real place, not decided where this happens to show less."""
-    dimensions, labels = found
+    dimensions, total, labels = found
     rank = Experiments(equations, place, len(dimensions) - 1, seed=seed).rank_of_rows(labels, at_least=dimensions[-1])
-    return Growth(dimensions, rank, place, decided=rank.rank == dimensions[-1], modular=True)
+    return Growth(dimensions, total, rank, place, decided=rank.rank == dimensions[-1], modular=True)

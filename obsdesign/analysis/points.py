@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import flint
 from flint import arb
 
-from obsdesign.analysis.equations import Equations
+from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.finding import Finding, StoppedBy, cut, precision_reached
-from obsdesign.analysis.generic import space_at
-from obsdesign.analysis.growth import generic_growth, growth_at, require_one_piece, require_value
+from obsdesign.analysis.finding import Finding, StoppedBy, cut, precision_reached, thin_balls
+from obsdesign.analysis.generic import LEVELS, space_at
+from obsdesign.analysis.growth import generic_growth, growth_at, ranks_at, require_one_piece, require_value
 from obsdesign.analysis.places import Place, Surroundings, random_fractions
 from obsdesign.analysis.rescaled import Rescaled, rescale
 from obsdesign.analysis.words import Space, TooLargeError
@@ -55,35 +56,55 @@ def _cap(equations: Equations, place: Place, seed: int) -> int:
 
 def _known(equations: Equations, place: Place, seed: int) -> Finding:
     """Return what is observable at the place with known inputs alone."""
-    around = Surroundings(equations.n, seed, place)
-    nearby = generic_growth(equations, around)
-    rank, ranks = _proven(equations, False, place, nearby.dimension if nearby.decided else equations.n, seed)
-    if rank.rank == equations.n and rank.decided:
+    n = equations.asked
+    nearby = generic_growth(equations, Surroundings(n, seed, _asked(equations, place)))
+    proven = _proven(equations, False, place, nearby.total if nearby.decided else equations.n, seed)
+    rank, ranks = proven.rank, proven.dimensions
+    if rank.rank == n and rank.decided:
         return Finding(rank, place, ranks, "full", "no more is possible")
     if not rank.decided:
         return Finding(rank, place, ranks, "precision", precision_reached())
-    if nearby.decided and rank.rank == nearby.dimension:
+    total = proven.total
+    if nearby.decided and total == nearby.total:
         return Finding(rank, place, ranks, "cap", "no more is possible: the generic rank is the same")
-    stopped_by, why = _compared(equations, place, rank, seed)
+    stopped_by, why = _compared(equations, place, rank, total, seed)
     return Finding(rank, place, ranks, stopped_by, f"{why}; nearby it is {nearby.dimension}")
 
 
+def _asked(equations: Equations, place: Place) -> Place:
+    """Return the part of the place without the added states."""
+    return Place(place.state[equations.extra :])
+
+
 def _by_rescaling(equations: Equations, smooth: bool, place: Place, cap: int, seed: int) -> Finding | None:
-    """Return what is observable where the outputs give all unknown inputs away at the place itself; None where they do not."""
-    rescaled = _regular(equations, place, seed)
-    if rescaled is None:
-        return None
-    try:
-        if smooth or not equations.known:
-            found = _known(rescaled.smooth_equations(), place, seed)
-            return _limited(found, cap) if found.decided else None
-        told = _known(rescaled.known_equations(rescaled.switched_rates), place, seed)
-        if told.decided and told.dimension < cap:
-            above = _known(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), place, seed)
-            told = told if above.decided and above.dimension == told.dimension else None
-    except NoValueError:
-        return None
-    return _limited(told, cap) if told and told.decided else None
+    """Return what is observable where the outputs give all unknown inputs away at the place itself; None where they do not.
+
+    As at generic states, unknown inputs become states where the outputs give only their derivatives away.
+    """
+    for level in range(LEVELS + 1):
+        extended = with_input_states(equations, level) if level else equations
+        there = Place((*random_fractions(extended.extra, f"{seed} unknown inputs"), *place.state))
+        try:
+            rescaled = _regular(extended, there, seed)
+            found = _rescaled_finding(rescaled, smooth, there, cap, seed) if rescaled else None
+        except NoValueError:
+            continue
+        if found:
+            return replace(found, place=place)
+    return None
+
+
+def _rescaled_finding(rescaled: Rescaled, smooth: bool, place: Place, cap: int, seed: int) -> Finding | None:
+    """Return what is observable at the place by the question with known inputs that the rescaled system asks; None if undecided."""
+    if smooth or not rescaled.equations.known:
+        found = _known(rescaled.smooth_equations(), place, seed)
+        return _limited(found, cap) if found.decided else None
+    told = _known(rescaled.known_equations(rescaled.switched_rates), place, seed)
+    if told.decided and told.dimension < cap:
+        above = _known(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), place, seed)
+        if not above.decided or above.dimension > told.dimension:
+            return None
+    return _limited(told, cap) if told.decided else None
 
 
 def _limited(finding: Finding, cap: int) -> Finding:
@@ -97,8 +118,8 @@ def _limited(finding: Finding, cap: int) -> Finding:
 
 def _regular(equations: Equations, place: Place, seed: int) -> Rescaled | None:
     """Return the rescaled system if it is regular at the place."""
-    around = Surroundings(equations.n, seed, place)
-    for near in around.places():
+    around = Surroundings(equations.asked, seed, _asked(equations, place))
+    for near in around.places(equations.extra):
         try:
             require_value(equations, near)
             require_one_piece(equations, around, near)
@@ -113,7 +134,8 @@ def _regular(equations: Equations, place: Place, seed: int) -> Rescaled | None:
 
 def _by_jets(equations: Equations, smooth: bool, place: Place, cap: int, seed: int, orders: int | None = None) -> Finding:
     """Return the lower bound by derivatives at the place, decided where it is as much as with the inputs known."""
-    rank, ranks = _proven(equations, smooth, place, cap, seed, orders)
+    proven = _proven(equations, smooth, place, cap, seed, orders)
+    rank, ranks = proven.rank, proven.dimensions
     if rank.decided and rank.rank == equations.n:
         return Finding(rank, place, ranks, "full", "no more is possible")
     if rank.decided and rank.rank == cap:
@@ -123,25 +145,37 @@ def _by_jets(equations: Equations, smooth: bool, place: Place, cap: int, seed: i
     return Finding(rank, place, ranks, "stalled", f"not decided: {why}")
 
 
-def _proven(
-    equations: Equations, smooth: bool, place: Place, goal: int, seed: int, orders: int | None = None
-) -> tuple[Rank, tuple[int, ...]]:
-    """Return the rank of derivatives at the place up to the first order that reaches the goal, and the dimensions by order."""
+class _Proven(NamedTuple):
+    """The rank at a place, the dimensions by order, and the rank with the added states."""
+
+    rank: Rank
+    dimensions: tuple[int, ...]
+    total: int
+
+
+def _proven(equations: Equations, smooth: bool, place: Place, goal: int, seed: int, orders: int | None = None) -> _Proven:
+    """Return what derivatives at the place show, up to the first order that reaches the goal."""
     ranks: list[int] = []
-    rank = Experiments(equations, place, 0, seed=seed).rank(0)
+    rank, total = _ranks_of(Experiments(equations, place, 0, seed=seed), 0, confirmed=True)
     steps = (orders,) if orders else tuple(_orders(equations.n))
     for highest in steps:
         experiments = Experiments(equations, place, highest, seed=seed)
         if equations.known and not smooth:
             experiments = experiments.completed()
         for order in range(len(ranks), highest + 1):
-            rank = experiments.rank(order, confirmed=False)
-            if rank.rank >= goal or not rank.decided or order == steps[-1]:
-                rank = experiments.rank(order)
+            rank, total = _ranks_of(experiments, order, confirmed=False)
+            ended = total >= goal or rank.rank == equations.asked or not rank.decided
+            if ended or order == steps[-1]:
+                rank, total = _ranks_of(experiments, order, confirmed=True)
             ranks.append(rank.rank)
-            if rank.rank >= goal or not rank.decided:
-                return rank, tuple(ranks)
-    return rank, cut(ranks)
+            if total >= goal or rank.rank == equations.asked or not rank.decided:
+                return _Proven(rank, tuple(ranks), total)
+    return _Proven(rank, cut(ranks), total)
+
+
+def _ranks_of(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[Rank, int]:
+    rank, total = ranks_at(experiments, order, confirmed=confirmed)
+    return rank, total.rank
 
 
 def _orders(n: int) -> Iterator[int]:
@@ -154,14 +188,14 @@ def _orders(n: int) -> Iterator[int]:
     yield limit
 
 
-def _compared(equations: Equations, place: Place, rank: Rank, seed: int) -> tuple[StoppedBy, str]:
+def _compared(equations: Equations, place: Place, rank: Rank, total: int, seed: int) -> tuple[StoppedBy, str]:
     """Return whether it is as much at the place as at the states that can be reached from it, and say so."""
-    here = f"derivatives up to order {max(_orders(equations.n))} add nothing here but balls around 0, up to {rank.largest_remainder:.1e}"
+    here = f"derivatives up to order {max(_orders(equations.n))} add nothing here {thin_balls(rank)}"
     try:
         along = growth_at(equations, reachable(equations, place, seed), seed)
     except InputError as error:
         return "stalled", f"not decided: {here} ({error})"
-    if along.decided and along.dimension == rank.rank:
+    if along.decided and along.total == total:
         return "criterion", f"no more: {here}, and no more is seen from the states that can be reached from it"
     return "stalled", f"not decided: {here}, but {along.dimension} is seen from states that can be reached from it"
 
