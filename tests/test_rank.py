@@ -15,6 +15,7 @@ from obsdesign.rank.balls import OPERATIONS as SUPPORTED
 from obsdesign.rank.constants import as_rational, symbolise
 from obsdesign.rank.elimination import rank_at
 from obsdesign.rank.graph import NotExactError, NoValueError, evaluate, instructions
+from obsdesign.rank.residues import values_modulo
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")
 
@@ -319,3 +320,12 @@ def test_a_constant_that_may_be_rounded_is_refused():
         rank_at(ca.Function("f", [X], [folded]), [[Fraction(1)]])
     large = ca.Function("f", [X], [X * 3.0**28])  # 45 bits
     assert rank_at(large, [[Fraction(1)]]).rank == 1
+
+
+def test_residues_of_constants_are_exact():
+    # differentiating (x y) / (2 y) gives the constant 0.5
+    half = ca.Function("f", [X, Y], [ca.jacobian(X * Y / (2 * Y), X)])
+    (value,) = values_modulo(half, [[3], [5]])[0]
+    assert 2 * value == 1
+    with pytest.raises(NotExactError, match="may have been rounded"):
+        values_modulo(ca.Function("f", [X], [X / 3 * 0.1]), [[3]])

@@ -13,7 +13,7 @@ import casadi as ca
 import flint
 from flint import arb, arb_mat, arb_series, fmpq
 
-from obsdesign.rank.graph import Arithmetic, NotExactError, is_short
+from obsdesign.rank.graph import Arithmetic, NotExactError, require_short
 
 PRECISIONS = (256, 512, 1024, 2048, 4096)
 """Working precisions [bits], tried in turn."""
@@ -192,8 +192,8 @@ IRRATIONAL = {2 / math.sqrt(math.pi): lambda: 2 / arb.pi().sqrt(), math.sqrt(mat
 def _constant(value: float) -> arb:
     if value in IRRATIONAL:
         return IRRATIONAL[value]()
-    if math.isfinite(value) and not is_short(value):
-        raise NotExactError(f"the constant {value!r} of an expression may have been rounded: it has more than 45 bits, see symbolise")
+    if math.isfinite(value):
+        require_short(value)
     return arb(value)
 
 

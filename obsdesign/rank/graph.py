@@ -95,13 +95,19 @@ _RATIONAL = {*_STRUCTURE, *(getattr(ca, f"OP_{name}") for name in ("ADD", "SUB",
 
 
 def is_rational(steps: Sequence[Instruction]) -> bool:
-    """Return whether the result is a quotient of polynomials in the arguments, with whole numbers of at most 45 bits as constants."""
-    return all(step.operation in _RATIONAL and step.value.is_integer() and abs(step.value) < 2**45 for step in steps)
+    """Return whether the result is a quotient of polynomials in the arguments, with constants that are exact."""
+    return all(step.operation in _RATIONAL and is_short(step.value) for step in steps)
 
 
 def is_short(value: float) -> bool:
     """Return whether a double has at most 45 bits: longer ones may be the rounded result of an operation."""
     return math.isfinite(value) and (math.frexp(value)[0] * 2**45) % 1 == 0
+
+
+def require_short(value: float) -> None:
+    """Raise NotExactError unless the constant has at most 45 bits."""
+    if not is_short(value):
+        raise NotExactError(f"the constant {value!r} of an expression may have been rounded: it has more than 45 bits, see symbolise")
 
 
 @cache

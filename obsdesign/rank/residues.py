@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from fractions import Fraction
 
 import casadi as ca
 import flint
 from flint import arb, nmod, nmod_mat, nmod_poly
 
 from obsdesign.rank.balls import Number
-from obsdesign.rank.graph import Arithmetic, NotExactError, evaluate, instructions
+from obsdesign.rank.graph import Arithmetic, NotExactError, evaluate, instructions, require_short
 
 PRIME = 2**61 - 1
 """A Mersenne prime: what is not 0 modulo it is not 0; what is 0 modulo it at a random point is 0 but for a chance of degree / 2^61."""
@@ -47,8 +48,14 @@ _OPERATIONS: Mapping[int, Callable[..., Residue]] = {
     ca.OP_TWICE: lambda a: a + a,
 }
 
+
+def _constant(value: float) -> nmod:
+    require_short(value)
+    return as_residue(Fraction(value))
+
+
 RESIDUES = Arithmetic(
-    constant=lambda value: nmod(int(value), PRIME),
+    constant=_constant,
     operations=_OPERATIONS,
     number=as_residue,
     series=lambda coefficients: nmod_poly(list(coefficients), PRIME),
