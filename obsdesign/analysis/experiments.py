@@ -21,7 +21,7 @@ from obsdesign.analysis.places import Place, random_fractions, random_residues
 from obsdesign.rank.balls import Number
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.residues import PRIME, independent_rows
+from obsdesign.rank.residues import PRIME
 from obsdesign.rank.taylor import Arguments
 
 
@@ -109,22 +109,12 @@ class Experiments:
         """Return rank J - rank of its eliminated part, with derivatives up to the order (modulo the prime)."""
         return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.eliminated))
 
-    def independent(self, order: int) -> tuple[tuple[int, int, int], ...]:
-        """Return the labels of the first independent rows up to the order (modulo the prime)."""
-        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
-        chosen.sort(key=lambda i: self.row_orders[i])
-        return tuple(self.labels[chosen[i]] for i in independent_rows([self._residues[i] for i in chosen]))
-
     # ------------------------------------------------ in balls
 
-    def rank(self, order: int, *, confirmed: bool = True) -> Rank:
-        """Return the rank of what the rows up to the order tell about the state that is asked for."""
-        return self._rank([i for i, k in enumerate(self.row_orders) if k <= order], self.eliminated, confirmed=confirmed)
-
-    def rank_of_rows(self, labels: Sequence[tuple[int, int, int]], at_least: int) -> Rank:
-        """Return the rank of what some rows tell about the state that is asked for; at_least: what is known of it."""
-        chosen = [i for i, label in enumerate(self.labels) if label in labels]
-        return self._rank(chosen, self.eliminated, at_least=at_least)
+    def rank(self, order: int, *, confirmed: bool = True, at_least: int = 0) -> Rank:
+        """Return the rank of what the rows up to the order tell about the state that is asked for; at_least: what is known of it."""
+        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
+        return self._rank(chosen, self.eliminated, confirmed=confirmed, at_least=at_least)
 
     def total_rank(self, order: int, *, confirmed: bool = True) -> Rank:
         """Return the rank of what the rows up to the order tell about the state, added states included."""

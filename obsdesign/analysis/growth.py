@@ -21,7 +21,7 @@ from obsdesign.rank.elimination import Rank, first_without_value
 from obsdesign.rank.graph import NoValueError
 
 _SEEDS = 5
-_Found = tuple[tuple[int, ...], int, tuple[tuple[int, int, int], ...]]  # dimensions by order, the last total, independent rows
+_Found = tuple[tuple[int, ...], int]  # dimensions by order, the last total
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def ranks_at(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[
 
 
 def _modular_growth(equations: Equations, seed: int) -> _Found:
-    """Return the dimensions by order, and the labels of independent rows, at a random place modulo the prime."""
+    """Return the dimensions by order, and the last total, at a random place modulo the prime."""
     for attempt in range(_SEEDS):
         try:
             return _dimensions_modulo(equations, modular_place(equations.n, seed + attempt), seed + attempt)
@@ -136,7 +136,7 @@ def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> _Found:
             dimensions.append(experiments.dimension(order))
             total = experiments.total(order)
             if dimensions[-1] == equations.asked or (order > 0 and total == last):
-                return tuple(dimensions), total, experiments.independent(order)
+                return tuple(dimensions), total
             last = total
     raise AssertionError("the observable space grew more often than it has dimensions")
 
@@ -152,7 +152,8 @@ def _orders(equations: Equations) -> Iterator[int]:
 
 
 def _confirmed(equations: Equations, place: Place, seed: int, found: _Found) -> Growth:
-    """Return the growth with its null space at a real place, not decided where this happens to show less."""
-    dimensions, total, labels = found
-    rank = Experiments(equations, place, len(dimensions) - 1, seed=seed).rank_of_rows(labels, at_least=dimensions[-1])
-    return Growth(dimensions, total, rank, place, decided=rank.rank == dimensions[-1], modular=True)
+    """Return the growth with its null space at a real place; not decided where balls show another rank there."""
+    dimensions, total = found
+    order = len(dimensions) - 1
+    rank = Experiments(equations, place, order, seed=seed).rank(order, at_least=dimensions[-1])
+    return Growth(dimensions, total, rank, place, decided=rank.decided and rank.rank == dimensions[-1], modular=True)

@@ -42,11 +42,8 @@ def jets_finding(  # noqa: PLR0917
     for place in around.places(equations.extra):
         try:
             experiments, dimensions = found or look(place)
-            if modular:
-                labels = experiments.independent(experiments.orders)
-                rank = replace(experiments, place=place).rank_of_rows(labels, at_least=dimensions[-1])
-            else:
-                rank = experiments.rank(experiments.orders)
+            reached = dimensions.index(dimensions[-1])
+            rank = replace(experiments, place=place, orders=reached).rank(reached, at_least=dimensions[-1])
         except NoValueError:
             continue
         finding = jets_verdict(rank, place, dimensions, enough)
