@@ -116,6 +116,11 @@ class Experiments:
         chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
         return self._rank(chosen, self.eliminated, confirmed=confirmed, at_least=at_least)
 
+    def pattern(self, order: int) -> tuple[int, int]:
+        """Return rank J and what of it is known about the state, with derivatives up to the order."""
+        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
+        return self._rank(chosen, 0, confirmed=False).rank, self.rank(order, confirmed=False).rank
+
     def total_rank(self, order: int, *, confirmed: bool = True) -> Rank:
         """Return the rank of what the rows up to the order tell about the state, added states included."""
         chosen = [i for i, k in enumerate(self.row_orders) if k <= order]

@@ -35,12 +35,18 @@ _BITS, _TERMS, _ERROR = 1024, 40, arb(2) ** -960
 _HALVINGS = 60
 
 
-def finding_at(equations: Equations, smooth: bool, place: Place, seed: int) -> Finding:
-    """Return what is observable at the place. Raises NoValueError where derivatives have no value."""
+def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding, seed: int) -> Finding:
+    """Return what is observable at the place; nearby: what is at generic states. Raises NoValueError where derivatives have no value."""
     if not equations.unknown:
         return _known(equations, place, seed)
     cap = _cap(equations, place, seed)
-    return _by_rescaling(equations, smooth, place, cap, seed) or _by_jets(equations, smooth, place, cap, seed)
+    found = _by_rescaling(equations, smooth, place, cap, seed)
+    if found is None and (smooth or not equations.known):
+        found = _by_regularity(equations, place, cap, seed)
+    if found is None:
+        return _by_jets(equations, smooth, place, cap, seed)
+    # the steps are those of the recursion, where it comes to the same end
+    return replace(found, ranks=nearby.ranks) if found.dimension == nearby.dimension else found
 
 
 def jets_at(equations: Equations, smooth: bool, place: Place, seed: int, orders: int | None = None) -> Finding:
@@ -98,13 +104,17 @@ def _rescaled_finding(rescaled: Rescaled, smooth: bool, place: Place, cap: int, 
     """Return what is observable at the place by the question with known inputs that the rescaled system asks; None if undecided."""
     if smooth or not rescaled.equations.known:
         found = _known(rescaled.smooth_equations(), place, seed)
-        return _limited(found, cap) if found.decided else None
+        return _limited(_explained(found), cap) if found.decided else None
     told = _known(rescaled.known_equations(rescaled.switched_rates), place, seed)
     if told.decided and told.dimension < cap:
         above = _known(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), place, seed)
         if not above.decided or above.dimension > told.dimension:
             return None
-    return _limited(told, cap) if told.decided else None
+    return _limited(_explained(told), cap) if told.decided else None
+
+
+def _explained(finding: Finding) -> Finding:
+    return replace(finding, at_most=f"with the unknown inputs replaced by rates of outputs {finding.at_most}")
 
 
 def _limited(finding: Finding, cap: int) -> Finding:
@@ -113,7 +123,7 @@ def _limited(finding: Finding, cap: int) -> Finding:
         return finding
     if finding.dimension == cap:
         return replace(finding, stopped_by="cap", at_most="no more is possible: it is as much if the inputs are known")
-    return replace(finding, stopped_by="criterion", at_most=f"with the unknown inputs replaced by rates of outputs {finding.at_most}")
+    return finding
 
 
 def _regular(equations: Equations, place: Place, seed: int) -> Rescaled | None:
@@ -130,6 +140,23 @@ def _regular(equations: Equations, place: Place, seed: int) -> Rescaled | None:
         except (NoValueError, ZeroDivisionError):
             continue
     return None
+
+
+def _by_regularity(equations: Equations, place: Place, cap: int, seed: int) -> Finding | None:
+    """Return what is observable under one smooth input where the ranks of J and J_w are, order by order, those of states nearby.
+
+    The spaces P_k then have the same dimensions at the place as around it, so they end where they do. None where they differ.
+    """
+    nearby = generic_growth(equations, Surroundings(equations.n, seed, place))
+    orders = min(nearby.order + 1 + equations.n, ORDERS)
+    here, there = (Experiments(equations, each, orders, seed=seed) for each in (place, nearby.place))
+    if not nearby.decided or any(here.pattern(order) != there.pattern(order) for order in range(orders + 1)):
+        return None
+    rank = here.rank(orders)
+    if not rank.decided or rank.rank != nearby.dimension:
+        return None
+    why = f"no more: derivatives up to order {orders} have the same ranks here as nearby, where those of order {nearby.order} add nothing"
+    return _limited(Finding(rank, place, cut(nearby.dimensions), "cap", why), cap)
 
 
 def _by_jets(equations: Equations, smooth: bool, place: Place, cap: int, seed: int, orders: int | None = None) -> Finding:

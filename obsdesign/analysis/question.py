@@ -88,7 +88,7 @@ def observability_of(
     generic = _verdict(asked, model, nearby, disturbance, known_inputs)
     if place is None:
         return generic
-    verdict = _verdict(asked, model, finding_at(equations, smooth, place, seed), disturbance, known_inputs)
+    verdict = _verdict(asked, model, finding_at(equations, smooth, place, nearby, seed), disturbance, known_inputs)
     return verdict if verdict.dimension == generic.dimension else replace(verdict, generic=generic)
 
 
