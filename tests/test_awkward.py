@@ -96,6 +96,50 @@ CASES = {
     "kink not far away": (system(3, lambda a, b, c: [0, c * ca.fmax(1000.1 - a, 0), 0], lambda a, b, c: [a, b]), {"at": [1000, 1, 1]}, 3),
     "kink nearer": (system(3, lambda a, b, c: [0, ca.if_else(a > 5e-4, 0, c), 0], lambda a, b, c: [a, b]), {"at": [4e-4, 1, 1]}, 3),
     "kink on the way": (system(1, lambda a: [1], lambda a: [ca.if_else(a < 0.3, power(a, 30), 0)]), {"at": [0.0]}, 1),
+    "rescaled fields have a pole": (
+        system(2, lambda a, b: [b, 0], lambda a, b: [a], [lambda a, b: [0, 1]], [lambda a, b: [a, 0]]),
+        {"at": [0.0, 1.0]},
+        2,
+    ),
+    "two ranges, parked": (
+        system(
+            4,
+            lambda x, y, u, v: [u, v, 0, 0],
+            lambda x, y, u, v: [ca.sqrt((x - 3) ** 2 + y * y), ca.sqrt(x * x + (y - 4) ** 2)],
+            [lambda x, y, u, v: [0, 0, 1, 0]],
+            [lambda x, y, u, v: [0, 0, 0, 1]],
+        ),
+        {"at": [1.0, 0, 0, 0]},
+        4,
+    ),
+    # under one smooth input only L_g0 s + u L_f s is known: outputs must not be redefined along each
+    "redefined under a smooth input": (
+        system(
+            5,
+            lambda a, b, c, d, e: [b, d, e, 0, 0],
+            lambda a, b, c, d, e: [a],
+            [lambda a, b, c, d, e: [c, 0, 0, 0, 0]],
+            [lambda a, b, c, d, e: [0, 0, 1, 0, 0]],
+        ),
+        {"at": [1.0] * 5, "known_inputs": "smooth"},
+        2,
+    ),
+    # c' = d + a w and d a^2 vanishes at a = 0: there d is not known
+    "told at generic states alone": (
+        system(
+            5,
+            lambda a, b, c, d, e: [0, 0, d, e, 0],
+            lambda a, b, c, d, e: [a * a, b, c],
+            unknown=[lambda a, b, c, d, e: [0, 1, a, 0, 0], lambda a, b, c, d, e: [0, 0, 0, 1, 0]],
+        ),
+        {"at": [0, 1, 1, 1, 1.0]},
+        3,
+    ),
+    "special state at t = 1/2": (
+        system(2, lambda a, b: [1, 0], lambda a, b: [a, b * power(a, 30) * power(a - 0.5, 4)]),
+        {"at": [0.0, 1]},
+        2,
+    ),
     "gain lost in rounding": (
         system(
             3, lambda a, b, c: [b, 0, 0], lambda a, b, c: [a, c], unknown=[lambda a, b, c: [large(a) * ca.exp(c) - large(a + c) + 1, 0, 0]]
@@ -120,6 +164,8 @@ MUST_BE_DECIDED = {
 } | {
     "gain vanishes for good",
     "gain vanishes at the point",
+    "rescaled fields have a pole",
+    "two ranges, parked",
 }
 
 

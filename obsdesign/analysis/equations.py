@@ -12,7 +12,7 @@ import casadi as ca
 from obsdesign.checks import require_known
 from obsdesign.model import Model
 from obsdesign.rank.constants import as_rational, symbolise
-from obsdesign.rank.graph import instructions, is_rational
+from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
 from obsdesign.rank.taylor import Flow
 
 Exact = tuple[Fraction, ...]
@@ -48,10 +48,18 @@ class Equations:
         return self.n - self.extra
 
     @cached_property
+    def _steps(self) -> tuple[Instruction, ...]:
+        return instructions(self.function(ca.vertcat(self.outputs, self.drift, *self.known, *self.unknown)))
+
+    @property
     def is_rational(self) -> bool:
         """Whether all expressions are quotients of polynomials with rational coefficients."""
-        every = ca.vertcat(self.outputs, self.drift, *self.known, *self.unknown)
-        return is_rational(instructions(self.function(every)))
+        return is_rational(self._steps)
+
+    @property
+    def has_pieces(self) -> bool:
+        """Whether some expression is another function elsewhere."""
+        return has_pieces(self._steps)
 
     @cached_property
     def flow(self) -> Flow:

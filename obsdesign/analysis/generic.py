@@ -18,6 +18,7 @@ from obsdesign.analysis.places import Place, Surroundings, modular_place
 from obsdesign.analysis.recursion import brackets_leave_rates_alone, recursion
 from obsdesign.analysis.rescaled import Rescaled, rescale
 from obsdesign.analysis.words import Space, TooLargeError, sweeps
+from obsdesign.errors import InputError
 from obsdesign.rank.elimination import rank_of, values_at
 from obsdesign.rank.graph import NoValueError
 
@@ -120,7 +121,7 @@ def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding |
             return _canonic(space, rescaled, cap, around) if rescaled else None
         except TooLargeError:
             return None
-        except (NoValueError, ZeroDivisionError):
+        except (InputError, ZeroDivisionError):
             continue
     return None
 

@@ -86,11 +86,11 @@ def generic_growth(equations: Equations, around: Surroundings) -> Growth:
 
 
 def require_one_piece(equations: Equations, around: Surroundings, place: Place) -> None:
-    """Raise NoValueError unless everything has a value in a box around the place and the centre of its surroundings.
+    """Raise NoValueError where a kink may lie between the place and the centre of its surroundings.
 
-    A function with pieces has none in a box that holds one of its kinks.
+    A function with pieces has no value in a box that holds one of its kinks.
     """
-    if around.centre is not None and not around.alone:
+    if around.centre is not None and not around.alone and equations.has_pieces:
         require_value(equations, around.box(place))
 
 

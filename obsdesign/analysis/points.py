@@ -43,7 +43,7 @@ def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding
     found = _by_rescaling(equations, smooth, place, cap, seed)
     if found is None and (smooth or not equations.known):
         found = _by_regularity(equations, place, cap, seed)
-    if found is None:
+    if found is None or found.dimension > min(cap, nearby.dimension if nearby.decided else cap):
         return _by_jets(equations, smooth, place, cap, seed)
     # the steps are those of the recursion, where it comes to the same end
     return replace(found, ranks=nearby.ranks) if found.dimension == nearby.dimension else found
@@ -91,9 +91,9 @@ def _by_rescaling(equations: Equations, smooth: bool, place: Place, cap: int, se
         extended = with_input_states(equations, level) if level else equations
         there = Place((*random_fractions(extended.extra, f"{seed} unknown inputs"), *place.state))
         try:
-            rescaled = _regular(extended, there, seed)
+            rescaled = _regular(extended, smooth, there, seed)
             found = _rescaled_finding(rescaled, smooth, there, cap, seed) if rescaled else None
-        except NoValueError:
+        except InputError:
             continue
         if found:
             return replace(found, place=place)
@@ -126,14 +126,19 @@ def _limited(finding: Finding, cap: int) -> Finding:
     return finding
 
 
-def _regular(equations: Equations, place: Place, seed: int) -> Rescaled | None:
-    """Return the rescaled system if it is regular at the place."""
+def _regular(equations: Equations, smooth: bool, place: Place, seed: int) -> Rescaled | None:
+    """Return the rescaled system if it is regular at the place.
+
+    Under one smooth known input outputs are not redefined: of a derivative along u and drift only the sum is known.
+    """
+    if smooth and equations.known:
+        return Rescaled(equations, equations.outputs, equations.outputs).regular_at(Space(equations, place))
     around = Surroundings(equations.asked, seed, _asked(equations, place))
     for near in around.places(equations.extra):
         try:
             require_value(equations, near)
             require_one_piece(equations, around, near)
-            rescaled = rescale(space_at(equations, near, around))
+            rescaled = rescale(space_at(equations, near, around), everywhere=True)
             return rescaled.regular_at(Space(equations, place)) if rescaled else None
         except TooLargeError:
             return None
@@ -244,6 +249,7 @@ def reachable(equations: Equations, place: Place, seed: int) -> Place:
         )
         states = equations.flow.solution(BALLS, arguments, _TERMS)
         time = min(arb(1) / 2, *(_time(abs(series[k]), k) for series in states for k in range(_TERMS - 7, _TERMS + 1)))
+        time = time * (1 + abs(random_fractions(1, f"{seed} time")[0].numerator / arb(2**20))) / 2
         for _ in range(_HALVINGS):
             reached = Place(tuple(_value(series, time) for series in states), precisions=(_BITS,))
             try:

@@ -105,11 +105,11 @@ class Rescaled:
         return replace(self, chosen=self.functions[list(chosen)]) if len(chosen) == entered.shape[1] else None
 
 
-def rescale(space: Space) -> Rescaled | None:
+def rescale(space: Space, *, everywhere: bool = False) -> Rescaled | None:
     """Return the rescaled system, or None where no functions with an invertible M are found.
 
-    Functions are derived along the known fields, and along the drift if their rate can be told without knowing the inputs.
-    Raises TooLargeError.
+    Functions are derived along the known fields, and along the drift if their rate can be told without knowing the inputs;
+    everywhere: not at generic states alone. Raises TooLargeError.
     """
     equations = space.equations
     functions = equations.outputs[list(space.telling(equations.outputs).chosen)]
@@ -119,7 +119,7 @@ def rescale(space: Space) -> Rescaled | None:
         chosen = space.independent(ca.densify(entered)).chosen
         if len(chosen) == entered.shape[1]:
             return Rescaled(equations, functions, functions[list(chosen)])
-        rates, waiting = _told_rates(space, functions, functions[list(chosen)], waiting)
+        rates, waiting = _told_rates(space, functions, functions[list(chosen)], waiting, everywhere)
         found = ca.vertcat(space.derived(latest, equations.known), rates)
         every = ca.vertcat(functions, found)
         kept = space.telling(every).chosen
@@ -134,11 +134,11 @@ def _entered(equations: Equations, functions: ca.SX) -> ca.SX:
     return ca.horzcat(*(lie_derivative(functions, equations.x, g) for g in equations.unknown))
 
 
-def _told_rates(space: Space, functions: ca.SX, chosen: ca.SX, waiting: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _told_rates(space: Space, functions: ca.SX, chosen: ca.SX, waiting: ca.SX, everywhere: bool) -> tuple[ca.SX, ca.SX]:
     """Return the rates of those of the waiting functions whose rates can be told, and the functions that go on waiting.
 
     Let L_g s = lam M, with M of the chosen functions hh. The rate of s less lam times that of hh is L_{g_0} s - lam a: free of
-    the unknown inputs; and known, if lam is a function of what is known.
+    the unknown inputs; and known, if lam is a function of what is known (at generic states), or constant (everywhere).
     """
     equations, drift = space.equations, space.equations.drift
     M = _entered(equations, chosen)
@@ -148,7 +148,8 @@ def _told_rates(space: Space, functions: ca.SX, chosen: ca.SX, waiting: ca.SX) -
         rate = lie_derivative(s, equations.x, drift)
         if columns:
             lam = ca.cse(_entered(equations, s)[:, columns] @ ca.inv_minor(M[:, columns]))
-            told = len(space.telling(ca.vertcat(functions, lam.T)).chosen) == functions.numel()
+            known = ca.SX(0, 1) if everywhere else functions
+            told = len(space.telling(ca.vertcat(known, lam.T)).chosen) == known.numel()
             rate = rate - lam @ lie_derivative(chosen, equations.x, drift)
         else:
             told = True

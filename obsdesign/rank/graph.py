@@ -94,6 +94,15 @@ _STRUCTURE = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}
 _RATIONAL = {*_STRUCTURE, *(getattr(ca, f"OP_{name}") for name in ("ADD", "SUB", "MUL", "DIV", "NEG", "INV", "SQ", "TWICE"))}
 
 
+_PIECES = "FABS SIGN COPYSIGN FMIN FMAX FLOOR CEIL FMOD REMAINDER LT LE EQ NE NOT AND OR IF_ELSE_ZERO"
+_PIECEWISE = {getattr(ca, f"OP_{name}") for name in _PIECES.split()}
+
+
+def has_pieces(steps: Sequence[Instruction]) -> bool:
+    """Return whether the result may be another function elsewhere."""
+    return any(step.operation in _PIECEWISE for step in steps)
+
+
 def is_rational(steps: Sequence[Instruction]) -> bool:
     """Return whether the result is a quotient of polynomials in the arguments, with constants that are exact."""
     return all(step.operation in _RATIONAL and is_short(step.value) for step in steps)
