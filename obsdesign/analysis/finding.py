@@ -41,7 +41,7 @@ class Finding:
         """Say what was proven and how."""
         caution = ", nearly singular or badly scaled" * (self.rank.smallest_pivot < NEARLY_SINGULAR)
         pivots = f"pivots down to {self.rank.smallest_pivot:.1e}{caution}"
-        minor = f": a minor excludes 0 in {self.rank.bits}-bit ball arithmetic ({pivots})" if self.dimension else ""
+        minor = f": a minor of the gradients excludes 0 in {self.rank.bits}-bit ball arithmetic ({pivots})" if self.dimension else ""
         return f"at least {self.dimension} of {n}{minor}; {self.at_most}"
 
 
