@@ -11,28 +11,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-import flint
-from flint import arb
-
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, StoppedBy, cut, precision_reached, thin_balls
 from obsdesign.analysis.generic import LEVELS, space_at
 from obsdesign.analysis.growth import generic_growth, growth_at, ranks_at, require_one_piece, require_value
+from obsdesign.analysis.orbit import reachable
 from obsdesign.analysis.places import Place, Surroundings, random_fractions
 from obsdesign.analysis.rescaled import Rescaled, rescale
 from obsdesign.analysis.words import Space, TooLargeError
 from obsdesign.errors import InputError
-from obsdesign.rank.balls import BALLS
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.taylor import Arguments
 
 ORDERS = 40
 """No higher derivatives than this, or than 2 n + 12, are taken at a state."""
-_BITS, _TERMS, _ERROR = 1024, 40, arb(2) ** -960
-"""A state on the way is known to _ERROR, from so many terms, so ranks there are taken with so many bits."""
-_HALVINGS = 60
 
 
 def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding, seed: int) -> Finding:
@@ -230,48 +223,3 @@ def _compared(equations: Equations, place: Place, rank: Rank, total: int, seed: 
     if along.decided and along.total == total:
         return "criterion", f"no more: {here}, and no more is seen from the states that can be reached from it"
     return "stalled", f"not decided: {here}, but {along.dimension} is seen from states that can be reached from it"
-
-
-def reachable(equations: Equations, place: Place, seed: int) -> Place:
-    """Return a state shortly after the place on a solution with random smooth inputs, as balls that hold it."""
-    with flint.ctx.workprec(2 * _BITS):
-        number = BALLS.number
-        counts = {"known": len(equations.known), "unknown": len(equations.unknown)}
-        inputs = {
-            name: [[number(value) for value in random_fractions(_TERMS + 1, f"{seed} on the way {name} {i}")] for i in range(count)]
-            for name, count in counts.items()
-        }
-        arguments = Arguments(
-            x=[number(value) for value in place.state],
-            u=inputs["known"],
-            w=inputs["unknown"],
-            constants=[number(value) for value in equations.values],
-        )
-        states = equations.flow.solution(BALLS, arguments, _TERMS)
-        time = min(arb(1) / 2, *(_time(abs(series[k]), k) for series in states for k in range(_TERMS - 7, _TERMS + 1)))
-        time = time * (1 + abs(random_fractions(1, f"{seed} time")[0].numerator / arb(2**20))) / 2
-        for _ in range(_HALVINGS):
-            reached = Place(tuple(_value(series, time) for series in states), precisions=(_BITS,))
-            try:
-                require_value(equations, Surroundings(equations.n, seed, place).box(reached))
-            except NoValueError:
-                time = time / 2  # a kink may lie on the way
-                continue
-            return reached
-    raise InputError(f"no state was found that is reached from {place.in_words(equations.names)} without a kink or a pole nearby")
-
-
-def _time(coefficient: arb, k: int) -> arb:
-    """Return the power of 2 at which the term of t^k is as small as the error allowed."""
-    if coefficient <= _ERROR:
-        return arb(1) / 2
-    largest = (_ERROR / coefficient.abs_upper()) ** (arb(1) / k)
-    return arb(2) ** ((largest.log() / arb(2).log()).floor().unique_fmpz() or -20)
-
-
-def _value(series: list[arb], time: arb) -> arb:
-    value = arb(0)
-    for coefficient in reversed(series):
-        value = value * time + coefficient
-    scale = max(abs(value).abs_upper(), arb(1))
-    return arb(value.mid(), (value.rad() + scale * _ERROR * 2**20).abs_upper())
