@@ -610,11 +610,11 @@ def for_all(strategy, examples):
 
 
 def examples(count):
-    """So many in every run, ten times as many in a slow one."""
-    return pytest.mark.parametrize("count", [count, pytest.param(10 * count, marks=pytest.mark.slow)])
+    """So many in every run, 20 times as many in a slow one."""
+    return pytest.mark.parametrize("count", [count, pytest.param(20 * count, marks=pytest.mark.slow)])
 
 
-@pytest.mark.parametrize(("count", "largest"), [(15, 4), pytest.param(150, 5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("count", "largest"), [(12, 4), pytest.param(150, 5, marks=pytest.mark.slow)])
 def test_recursion_and_jets_agree(count, largest):
     @for_all(systems(sizes=(3, largest)), count)
     def agree_on(exact):
@@ -718,7 +718,7 @@ def test_dimension_does_not_depend_on_the_form(what, count):
         assert agree(od.observability(first, known_inputs=known_inputs), od.observability(second, known_inputs=known_inputs))
 
 
-@examples(8)
+@examples(6)
 def test_who_knows_less_never_sees_more(count):
     @for_all(systems(sizes=(3, 4), known=1), count)
     def is_ordered(exact):
@@ -770,17 +770,18 @@ def normalised(rows):
     return values / np.abs(values).max(axis=1, keepdims=True)
 
 
-def order_that_shows(exact, at, dimension, limit):
-    """The first order of words that shows so many dimensions, or the limit."""
-    return next(k for k in range(limit + 1) if k == limit or len(seen_by_words(exact, at, k, seed=1)) >= dimension)
+def order_that_shows(exact, at, verdict, limit):
+    """An order of words that shows as much as the verdict, or the limit."""
+    steps = len(verdict.ranks) - 1
+    return next(k for k in range(steps, limit + 1) if k == limit or len(seen_by_words(exact, at, k, seed=1)) >= verdict.dimension)
 
 
-@examples(15)
+@examples(12)
 def test_exact_words_see_as_much_and_never_change_along_null_vectors(count):
     @for_all(systems(sizes=(2, 3), known=1), count)
     def words_agree(exact):
         verdict = od.observability(exact.system())
-        order = order_that_shows(exact, verdict.at, verdict.dimension, 2 * exact.n + 2)
+        order = order_that_shows(exact, verdict.at, verdict, 2 * exact.n + 2)
         rows, others = (seen_by_words(exact, verdict.at, order + 1, seed) for seed in (1, 2))
         assert len(rows) >= verdict.dimension
         if not verdict.decided:
@@ -792,19 +793,19 @@ def test_exact_words_see_as_much_and_never_change_along_null_vectors(count):
             assert np.abs(normalised(rows) @ basis).max(initial=0) < 1e-9
 
 
-@examples(10)
+@examples(8)
 def test_exact_words_see_as_much_at_singular_points(count):
     @for_all(st.tuples(systems(sizes=(2, 3), known=1), st.lists(st.sampled_from([0, 0, 1, -1, 2]), min_size=3, max_size=3)), count)
     def words_agree(drawn):
         exact, entries = drawn
         at = entries[: exact.n]
         verdict = od.observability(exact.system(), at=at)
-        order = order_that_shows(exact, at, verdict.dimension, max(2 * exact.n + 1, len(verdict.ranks)))
-        rows = seen_by_words(exact, at, order + 2, seed=1)
+        order = order_that_shows(exact, at, verdict, max(2 * exact.n + 1, len(verdict.ranks)))
+        rows = seen_by_words(exact, at, order + 1, seed=1)
         assert len(rows) == verdict.dimension if verdict.decided else len(rows) >= verdict.dimension
 
 
-@examples(8)
+@examples(6)
 def test_what_an_arbitrary_disturbance_shows_a_polynomial_one_of_enough_degree_shows_too(count):
     # derivatives of order k contain w, ..., w^(k-1): any such jet belongs to a polynomial of degree k - 1
     @for_all(systems(sizes=(2, 3), known=1), count)
