@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+BENCH_READY := $(VENV)/.bench-ready
 SCENARIO ?= scenarios/aerosonde_wind.toml
 OUT ?= reports/$(basename $(notdir $(SCENARIO)))
 
@@ -17,7 +18,7 @@ test: $(READY) lint
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
 
-bench: $(READY)
+bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run
 
 lint: $(READY)
@@ -32,9 +33,14 @@ examples: $(READY)
 	$(BIN)/python docs/picture.py
 	$(BIN)/obsdesign schema result > docs/result.schema.json
 
+PIN = $(BIN)/pip-compile --quiet --strip-extras --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
+  --no-emit-trusted-host --upgrade
+
+# requirements-bench.lock has what the benchmarks need beyond requirements.lock, and moves nothing in there.
 lock: $(READY)
-	$(BIN)/pip-compile --quiet --strip-extras --extra dev --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
-	  --no-emit-trusted-host --upgrade --output-file requirements.lock pyproject.toml
+	$(PIN) --extra dev --output-file requirements.lock pyproject.toml
+	$(PIN) --extra bench --constraint requirements.lock --output-file $(VENV)/bench.lock pyproject.toml
+	grep -vxFf requirements.lock $(VENV)/bench.lock > requirements-bench.lock
 
 $(READY): requirements.lock pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "obsdesign needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
@@ -42,6 +48,10 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	touch $(READY)
+
+$(BENCH_READY): requirements-bench.lock $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint requirements.lock --requirement requirements-bench.lock
+	touch $(BENCH_READY)
 
 clean:
 	rm -rf $(VENV) .pytest_cache .ruff_cache

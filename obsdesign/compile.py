@@ -1,97 +1,143 @@
-"""The numerical functions of a system, each built once: step, sensitivity, outputs, information of one sample."""
+"""A function of CasADi as machine code: generated C, compiled once, kept in the user's cache folder."""
 
 from __future__ import annotations
 
-from functools import lru_cache
+import ctypes
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
 
 import casadi as ca
+import platformdirs
 
-from obsdesign.calculus import rk4
-from obsdesign.checks import whole_multiple
-from obsdesign.errors import InputError
-from obsdesign.model import AbstractSystem, Model
+FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")  # no fused multiply-add: the virtual machine has none, the numbers are the same
+SWITCH = "OBSDESIGN_COMPILE"
+LONGEST = 50_000  # instructions: beyond that compilers take minutes
+_KEPT = 400  # files in the cache folder; the longest unused go first
+_TIMEOUT = 120.0  # seconds a compiler may take
 
-_CACHED = 64
-
-
-@lru_cache(_CACHED)
-def transition(system: AbstractSystem, step: float) -> ca.Function:
-    """Return (x, u, w) -> (x_next, F = dx_next/dx, B_w = dx_next/dw): one RK4 step with inputs held, step [s]."""
-    model = system.model
-    u = ca.SX.sym("u", len(model.inputs))
-    w = ca.SX.sym("w", len(model.unknown_inputs))
-    rate = ca.Function("rate", [model.x, u, w], [model.drift + model.B @ u + model.G @ w])
-    x_next = rk4(lambda x: ca.SX(rate(x, u, w)), model.x, step)
-    sensitivities = [ca.densify(ca.jacobian(x_next, symbol)) for symbol in (model.x, w)]
-    return ca.Function("transition", [model.x, u, w], [ca.densify(x_next), *sensitivities], ["x", "u", "w"], ["x_next", "F", "B_w"])
+Wish = Literal["never", "when worth it", "at once"]
 
 
-@lru_cache(_CACHED)
-def advance(system: AbstractSystem, step: float) -> ca.Function:
-    """Return (x, u, w) -> x_next, the first output of `transition` alone."""
-    full = transition(system, step)
-    arguments = full.sx_in()
-    return ca.Function("advance", arguments, [full.call(arguments)[0]])
+def wish() -> Wish:
+    """Return what the environment asks for: OBSDESIGN_COMPILE=0 never, 1 at once, else when a function has run long enough."""
+    value = os.environ.get(SWITCH, "")
+    return "never" if value == "0" else "at once" if value == "1" else "when worth it"
 
 
-@lru_cache(_CACHED)
-def output(system: AbstractSystem) -> ca.Function:
-    """Return x -> (y (q, 1), C = dy/dx (q, n)) over all sensors."""
-    model = system.model
-    return ca.Function("output", [model.x], [ca.densify(model.h), ca.densify(ca.jacobian(model.h, model.x))], ["x"], ["y", "C"])
+@dataclass(frozen=True)
+class Compiled:
+    """Machine code, or the reason why there is none."""
+
+    entry: Any  # a C function, or None
+    reason: str
 
 
-@lru_cache(_CACHED)
-def sample_information(system: AbstractSystem, weighted: bool = True) -> ca.Function:
-    """Return (x, Phi) -> (n, n S): [Phi' C_s' R_s^-1 C_s Phi] of one sample of each sensor s; R = I if not weighted."""
-    model = system.model
-    n = len(model.states)
-    Phi = ca.SX.sym("Phi", n, n)
-    blocks = [_block(model, i, Phi, weighted) for i in range(len(model.channels))]
-    return ca.Function("sample_information", [model.x, Phi], [ca.densify(ca.horzcat(*blocks))], ["x", "Phi"], ["blocks"])
+@dataclass(frozen=True)
+class Compiler:
+    """The C compiler on this machine: path and version, or the reason why there is none."""
+
+    path: str
+    version: str
+    reason: str = ""
 
 
-def _block(model: Model, sensor: int, Phi: ca.SX, weighted: bool) -> ca.SX:
-    channel = model.channels[sensor]
-    scale = [1 / sigma if weighted else 1.0 for sigma in channel.sigmas]
-    C = ca.diag(ca.SX(scale)) @ ca.jacobian(channel.h, model.x) @ Phi
-    return C.T @ C
+@cache
+def compiler() -> Compiler:
+    """Return $CC, cc, gcc or clang, whichever is found first."""
+    asked = os.environ.get("CC")
+    names = (asked,) if asked else ("cc", "gcc", "clang")
+    found = next((path for path in map(shutil.which, names) if path), None)
+    if found is None:
+        return Compiler("", "", f"no C compiler ({', '.join(names)}) is on the path")
+    try:
+        version = subprocess.run([found, "--version"], capture_output=True, text=True, timeout=_TIMEOUT, check=True).stdout
+    except (OSError, subprocess.SubprocessError) as error:
+        return Compiler("", "", f"{found} does not run: {error}")
+    return Compiler(found, version)
 
 
-@lru_cache(_CACHED)
-def transported_information(system: AbstractSystem, step: float, weighted: bool = True) -> ca.Function:
-    """Return (Phi, x, u) -> (F(x, u) Phi, blocks): the step of the Gramian recursion, ready for mapaccum."""
-    model = system.model
-    u = ca.SX.sym("u", len(model.inputs))
-    n = len(model.states)
-    Phi = ca.SX.sym("Phi", n, n)
-    _, F, _ = transition(system, step).call([model.x, u, ca.SX.zeros(len(model.unknown_inputs))])
-    blocks = sample_information(system, weighted)(model.x, Phi)
-    return ca.Function("transported", [Phi, model.x, u], [F @ Phi, blocks])
+@cache
+def processor() -> str:
+    """Return the model of this machine's processor: code made for one need not run on another."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+        name = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
+    except OSError:
+        name = ""
+    return f"{sys.platform} {platform.machine()} {name or platform.processor()}"
 
 
-@lru_cache(_CACHED)
-def transported_along(system: AbstractSystem, step: float, steps: int, weighted: bool = True) -> ca.Function:
-    """Return (Phi_0, x (n, N), u (m, N)) -> (Phi_1 .. Phi_N side by side, blocks side by side): `transported_information` over N steps."""
-    return transported_information(system, step, weighted).mapaccum(steps)
+def folder() -> Path:
+    """Return where compiled functions are kept."""
+    return platformdirs.user_cache_path("obsdesign") / "compiled"
 
 
-@lru_cache(_CACHED)
-def advanced_along(system: AbstractSystem, step: float, steps: int) -> ca.Function:
-    """Return (x_0, u (m, N), w (p, N)) -> (x_1 .. x_N) (n, N): `advance` over N steps."""
-    return advance(system, step).mapaccum(steps)
+def source_of(function: ca.Function, driver: str) -> str:
+    """Return C code for a function and for a driver that calls it."""
+    generator = ca.CodeGenerator(function.name(), {"with_header": False})
+    generator.add(function)
+    return f"{generator.dump()}\n{driver}\n"
 
 
-@lru_cache(_CACHED)
-def steps_per_sample(system: AbstractSystem, step: float) -> tuple[int, ...]:
-    """Return for each sensor the number of steps between samples; raise InputError where that is not whole."""
-    counts = []
-    for channel in system.model.channels:
-        count = 1 if channel.rate is None else whole_multiple(1 / channel.rate, step)
-        if count is None:
-            raise InputError(
-                f"{channel.name}: rate {channel.rate} Hz is a period of {1 / (channel.rate or 1):g} s,"
-                f" which is no whole multiple of the step {step:g} s"
-            )
-        counts.append(count)
-    return tuple(counts)
+def load(source: str, entry: str, *, only_kept: bool = False) -> Compiled | None:
+    """Return the entry of a source as machine code, from the cache folder or newly compiled; None if only_kept and not there.
+
+    Never raises: what went wrong is the reason. Two processes may do this at once: each writes a file of its own and renames it.
+    """
+    tool = compiler()
+    if not tool.path:
+        return Compiled(None, tool.reason)
+    key = "\n".join([source, processor(), tool.path, tool.version, *FLAGS])
+    target = folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.so"
+    try:
+        if target.exists():
+            return _loaded(target, entry)
+        if only_kept:
+            return None
+        target.parent.mkdir(parents=True, exist_ok=True)
+        _compile(tool.path, source, target)
+        _forget_unused(target.parent)
+        return _loaded(target, entry)
+    except (OSError, AttributeError, subprocess.SubprocessError) as error:
+        return Compiled(None, _told(error))
+
+
+def _loaded(target: Path, entry: str) -> Compiled:
+    """Open a compiled file; one that does not open is thrown away, for the next to make it anew."""
+    try:
+        found = getattr(ctypes.CDLL(str(target)), entry)
+        found.argtypes = [ctypes.c_longlong] * 2 + [ctypes.c_void_p] * 6
+    except (OSError, AttributeError):
+        target.unlink(missing_ok=True)
+        raise
+    os.utime(target)
+    return Compiled(found, "")
+
+
+def _compile(tool: str, source: str, target: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
+        code, made = Path(scratch) / "step.c", Path(scratch) / "step.so"
+        code.write_text(source, encoding="utf-8")
+        command = [tool, *FLAGS, str(code), "-o", str(made), "-lm"]
+        subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=True)
+        made.replace(target)
+
+
+def _forget_unused(kept_in: Path) -> None:
+    files = sorted(kept_in.glob("*.so"), key=lambda file: file.stat().st_mtime)
+    for file in files[:-_KEPT]:
+        file.unlink(missing_ok=True)
+
+
+def _told(error: Exception) -> str:
+    said = getattr(error, "stderr", None) or str(error)
+    return f"compiling failed: {said.strip().splitlines()[0] if said.strip() else type(error).__name__}"

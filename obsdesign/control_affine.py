@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_known, require_positive
 from obsdesign.errors import InputError
-from obsdesign.model import AbstractSystem, Channel, Model, columns
+from obsdesign.model import AbstractSystem, Channel, Model, Noise, columns
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
@@ -109,10 +109,13 @@ class ControlAffineSystem(AbstractSystem):
             require_positive(f"{name}: sigma", sigma)
 
     def _build(self) -> Model:
+        import casadi as ca
+
         n = self.state.numel()
         signals = {name: Signal(name, is_angle=name in self.angles) for name in (*self.names, *self.outputs)}
         channels = tuple(
-            Channel(name, (signals[name],), expression, (self.sigmas.get(name, 1.0),)) for name, expression in self.outputs.items()
+            Channel(name, (signals[name],), expression, Noise(ca.SX(self.sigmas.get(name, 1.0)), ca.SX(1)))
+            for name, expression in self.outputs.items()
         )
         return Model(
             x=self.state,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_known
@@ -16,13 +16,37 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Noise:
+    """The errors of one sensor's samples: a first-order sequence of standard deviation `spread` and a constant one.
+
+    spread: SX (1, 1) of the state, standard deviation of one sample of each output, `correlation` from one to the next;
+    bias: standard deviation of the constant error; inflation: factor on spread; gate: SX (1, 1), share of samples that arrive.
+    """
+
+    spread: ca.SX
+    gate: ca.SX
+    inflation: float = 1.0
+    bias: float = 0.0
+    correlation: float = 0.0
+
+    @property
+    def variance(self) -> ca.SX:
+        """R = inflation^2 spread^2 (1 + correlation) / (1 - correlation) + bias^2, for each sample as if independent."""
+        factor = self.inflation**2 * (1 + self.correlation) / (1 - self.correlation)
+        return factor * self.spread**2 + self.bias**2
+
+
+@dataclass(frozen=True)
 class Channel:
-    """One sensor of a model: outputs h (q, 1) of the state, their standard deviations, rate [Hz] and landmark [m]."""
+    """One sensor of a model: outputs h (q, 1) of the state, its noise, rate [Hz] and landmark [m].
+
+    noise is what happens, `variance` what filters and information count for it: see `Noise`.
+    """
 
     name: str
     outputs: tuple[Signal, ...]
     h: ca.SX
-    sigmas: tuple[float, ...]
+    noise: Noise
     rate: float | None = None
     landmark: Point | None = None
 
@@ -64,11 +88,6 @@ class Model:
         return tuple(signal for channel in self.channels for signal in channel.outputs)
 
     @property
-    def sigmas(self) -> tuple[float, ...]:
-        """Standard deviation of one sample of each output."""
-        return tuple(sigma for channel in self.channels for sigma in channel.sigmas)
-
-    @property
     def output_owner(self) -> tuple[int, ...]:
         """For each output the index of its sensor."""
         return tuple(i for i, channel in enumerate(self.channels) for _ in channel.outputs)
@@ -96,12 +115,17 @@ class AbstractSystem(ABC):
 
     @cached_property
     def model(self) -> Model:
-        """The symbolic record, built once."""
-        return self._build()
+        """The symbolic record, built once; equal systems share it, and with it all that is made of its symbols."""
+        return _model_of(self)
 
     @abstractmethod
     def _build(self) -> Model:
         """Return the symbolic record."""
+
+
+@lru_cache(256)
+def _model_of(system: AbstractSystem) -> Model:
+    return system._build()
 
 
 def columns(fields: list[ca.SX], n: int) -> ca.SX:

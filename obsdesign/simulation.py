@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_positive
-from obsdesign.compile import advanced_along
+from obsdesign.checks import all_finite, require_positive
 from obsdesign.errors import InputError
-from obsdesign.model import AbstractSystem
+from obsdesign.model import AbstractSystem, Model
+from obsdesign.scan import Scan
+from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
 
@@ -26,8 +30,58 @@ def simulate(system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: 
     unknown = np.zeros((steps, len(model.unknown_inputs))) if w is None else as_inputs(w, len(model.unknown_inputs), "w")
     if steps < 1 or len(unknown) != steps:
         raise InputError(f"u has {steps} steps and w {len(unknown)}: both need the same number, at least 1")
-    states = advanced_along(system, dt, steps)(start, known.T, unknown.T).full().T
-    return Trajectory(np.arange(steps + 1) * dt, np.vstack([start, states]), known)
+    return Trajectory(np.arange(steps + 1) * dt, states_from(system, start[None], known, dt, unknown)[0], known)
+
+
+def states_from(
+    system: AbstractSystem, starts: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray | None = None, kicks: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the states (M, N+1, n) of M paths from starts (M, n).
+
+    u (N, m) or (M, N, m), w (N, p), (M, N, p) or None = 0; kicks (M, N, n) or None: added to the state after each step.
+    """
+    rows = [u, np.zeros(len(system.model.unknown_inputs)) if w is None else w, *(() if kicks is None else (kicks,))]
+    later = _walk(system.model, dt, kicks is not None).run(starts, rows, u.shape[-2]).carries
+    return np.concatenate([starts[:, None], later], axis=1)
+
+
+@lru_cache(CACHED)
+def _walk(model: Model, dt: float, kicked: bool) -> Scan:
+    import casadi as ca
+
+    one, kick = step_of(model, dt), ca.SX.sym("kick", len(model.states))
+    return Scan(one.x, [one.u, one.w, kick], one.x_next + kick) if kicked else Scan(one.x, [one.u, one.w], one.x_next)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Noise-free outputs y (M, N, q) at states, with what their noise is there.
+
+    spread (M, N, q): its standard deviation; variance (M, N, q): what filters and information count for it; gate (M, N, q):
+    share of the samples that arrive.
+    """
+
+    y: np.ndarray
+    spread: np.ndarray
+    variance: np.ndarray
+    gate: np.ndarray
+
+
+def readings(system: AbstractSystem, states: np.ndarray) -> Readings:
+    """Return what the sensors read at states (M, N, n)."""
+    return Readings(*_reading(system.model).run(np.empty((len(states), 0)), [states], states.shape[1], carries=False).results)
+
+
+@lru_cache(CACHED)
+def _reading(model: Model) -> Scan:
+    import casadi as ca
+
+    noises = [(channel.noise, len(channel.outputs)) for channel in model.channels]
+    columns = [
+        ca.vertcat(*[ca.repmat(value(noise), count) for noise, count in noises])
+        for value in (lambda noise: noise.spread, lambda noise: noise.variance, lambda noise: noise.gate)
+    ]
+    return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [model.h, *columns])
 
 
 def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
@@ -36,9 +90,9 @@ def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
     state = np.array(value, dtype=float)
     if state.shape != (len(names),):
         raise InputError(f"{what} has shape {state.shape}: must be ({len(names)},) for {', '.join(names)}")
-    for name, entry in zip(names, state, strict=True):
-        if not np.isfinite(entry):
-            raise InputError(f"{what}: {name} is {entry}: must be finite")
+    if not all_finite(state):
+        first = int(np.flatnonzero(~np.isfinite(state))[0])
+        raise InputError(f"{what}: {names[first]} is {state[first]}: must be finite")
     return state
 
 
@@ -49,7 +103,7 @@ def as_inputs(value: ArrayLike, width: int, what: str) -> np.ndarray:
         inputs = inputs[:, None]
     if inputs.ndim != 2 or inputs.shape[1] != width:
         raise InputError(f"{what} has shape {inputs.shape}: must be (N, {width})")
-    if not np.isfinite(inputs).all():
+    if not all_finite(inputs):
         row, column = np.argwhere(~np.isfinite(inputs))[0]
         raise InputError(f"{what}[{row}, {column}] is {inputs[row, column]}: must be finite")
     return inputs

@@ -16,7 +16,6 @@ from obsdesign.design.problem import Design, DesignProblem
 from obsdesign.design.shaping import design_trajectory
 from obsdesign.design.weave import Weave, best_weave
 from obsdesign.information.gramian import variational_gramian
-from obsdesign.information.prior import Prior
 from obsdesign.information.record import Information, standard_deviations
 from obsdesign.scenario.schema import Scenario
 from obsdesign.selection.naive import always, at_random, round_robin
@@ -171,16 +170,6 @@ def start_of(scenario: Scenario) -> np.ndarray:
     return np.array([scenario.start[name] for name in scenario.state_names])
 
 
-def prior_of(scenario: Scenario) -> Prior:
-    """N(x(t_0), diag(std^2))."""
-    return Prior(start_of(scenario), std=[scenario.prior[name] for name in scenario.state_names])
-
-
-def disturbance_psd_of(scenario: Scenario) -> np.ndarray:
-    """Power spectral density (n,) of the process noise, unit^2/s."""
-    return np.array([scenario.process_noise.get(name, 0.0) for name in scenario.state_names]) ** 2
-
-
 def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
     """Return a verdict at the start state for every manoeuvre and every subset of the sensors."""
     model, names = scenario.system.model, scenario.sensor_names
@@ -214,11 +203,11 @@ def naive_sensor(scenario: Scenario) -> str:
     return scenario.selection.naive or scenario.sensor_names[0]
 
 
-def rate(problem: DesignProblem, information: Information, sensors: tuple[str, ...]) -> Quality:
-    """Return the quality of a path for a suite of sensors."""
+def rate(problem: DesignProblem, path: Trajectory, information: Information, sensors: tuple[str, ...]) -> Quality:
+    """Return the quality of a path for the suite of sensors that the problem is about."""
     W = information.only(*sensors).total
     eigenvalues, vectors = np.linalg.eigh(problem.scaled(W))
-    return Quality(sensors, problem.criterion.value(problem.scaled(W)), eigenvalues, standard_deviations(W), vectors[:, 0])
+    return Quality(sensors, problem.value(path), eigenvalues, standard_deviations(W), vectors[:, 0])
 
 
 def _problem(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
@@ -252,14 +241,14 @@ def _candidates(
         name = DESIGNED if design is designs[0] else f"{DESIGNED} for {' + '.join(suite)}"
         if design.trajectory is not None:
             paths[name] = design.trajectory
-    candidates = tuple(_candidate(scenario, everything, name, path) for name, path in paths.items())
+    candidates = tuple(_candidate(scenario, problems, name, path) for name, path in paths.items())
     return None if found is None else found[0], candidates
 
 
-def _candidate(scenario: Scenario, problem: DesignProblem, name: str, path: Trajectory) -> Candidate:
-    information = variational_gramian(problem.system, path)
-    qualities = tuple(rate(problem, information, suite) for suite in suites_of(scenario))
-    return Candidate(name, path, information, qualities, problem.is_feasible(path.x))
+def _candidate(scenario: Scenario, problems: tuple[DesignProblem, ...], name: str, path: Trajectory) -> Candidate:
+    information = variational_gramian(problems[0].system, path)
+    qualities = tuple(rate(problem, path, information, suite) for problem, suite in zip(problems, suites_of(scenario), strict=True))
+    return Candidate(name, path, information, qualities, problems[0].is_feasible(path.x))
 
 
 def _checks(
@@ -273,10 +262,10 @@ def _checks(
                 system,
                 paths[path],
                 chosen,
-                prior=prior_of(scenario),
+                prior=scenario.prior_at_start,
                 runs=scenario.validation.runs,
                 seed=seed,
                 executor=executor,
-                disturbance_psd=disturbance_psd_of(scenario),
+                disturbance_psd=scenario.disturbance_psd,
             )
             yield Check(path, name, chosen, found)

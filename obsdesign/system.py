@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_known
 from obsdesign.errors import InputError
-from obsdesign.model import AbstractSystem, Channel, Model, columns
+from obsdesign.model import AbstractSystem, Channel, Model, Noise, columns
 from obsdesign.sensors.abstract import AbstractSensor, distinct_names
 from obsdesign.vehicles.abstract import AbstractVehicle
 
@@ -37,6 +38,14 @@ class System(AbstractSystem):
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the sensors, without the symbolic model."""
         return distinct_names(self.sensors)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # once: every look-up of a compiled function asks for it
+        return hash((self.vehicle, self.sensors, self.unknown_inputs))
 
     def __reduce__(self) -> tuple[type[System], tuple[object, ...]]:
         # without the cached model: CasADi expressions do not travel between processes
@@ -71,7 +80,9 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
     for name, sensor in zip(system.sensor_names, system.sensors, strict=True):
         try:
             h = ca.vertcat(*sensor.measure(state))
+            spread, gate = sensor.spread(state), sensor.gate(state)
         except KeyError as missing:
             raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have") from None
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
-        yield Channel(name, outputs, h, (sensor.sigma,) * len(outputs), sensor.rate, sensor.landmark)
+        noise = Noise(spread, gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
+        yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)

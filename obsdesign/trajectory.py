@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from obsdesign.checks import require_positive
+from obsdesign.checks import all_finite, require_positive
 from obsdesign.errors import InputError
 
 
@@ -24,7 +25,7 @@ class Trajectory:
     def __post_init__(self) -> None:
         for name in ("t", "x", "u"):
             values = np.array(getattr(self, name), dtype=float)
-            if not np.isfinite(values).all():
+            if not all_finite(values):
                 first = np.argwhere(~np.isfinite(values))[0]
                 raise InputError(f"trajectory: {name}[{', '.join(map(str, first))}] is {values[tuple(first)]}: must be finite")
             values.setflags(write=False)
@@ -35,7 +36,7 @@ class Trajectory:
                 f"trajectory: t {self.t.shape}, x {self.x.shape}, u {self.u.shape} do not fit: needs (N+1,), (N+1, n), (N, m), N > 0"
             )
         require_positive("trajectory: step", float(self.t[1] - self.t[0]))
-        if not np.allclose(np.diff(self.t), self.step, rtol=1e-6, atol=0):
+        if np.abs(self.t[1:] - self.t[:-1] - self.step).max() > 1e-6 * self.step:
             raise InputError("trajectory: t must have equal steps")
 
     @property
@@ -43,8 +44,8 @@ class Trajectory:
         """N."""
         return len(self.u)
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Length of one step [s]."""
         # of the whole span: the difference of two neighbouring times carries their round-off
-        return float(round((self.t[-1] - self.t[0]) / (len(self.t) - 1), 12))
+        return round(float(self.t[-1] - self.t[0]) / (len(self.t) - 1), 12)

@@ -8,23 +8,26 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import require_count
-from obsdesign.compile import advance, output
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.posterior import noise_factor, posterior_information
-from obsdesign.information.prior import Prior
 from obsdesign.information.record import standard_deviations
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem
+from obsdesign.prior import Prior
 from obsdesign.selection.schedule import Schedule
+from obsdesign.simulation import readings, states_from
+from obsdesign.step import steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 SETTLED = 0.25  # share of the path after which consistency is judged
 CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
+ARRIVES = 0.5  # a sample arrives where the sensor's gate is wider than this at the true state
 _CHUNK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
 
 Consistency = Literal["consistent", "overconfident", "underconfident"]
@@ -81,8 +84,10 @@ def validate(
 ) -> Validation:
     """Run an EKF on `runs` simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
-    Truth follows the path's inputs from x(t_0) with process noise of psd (n,) or (n, n) [unit^2/s]; each filter starts at a
-    draw from N(x(t_0), P_0) and knows the psd. schedule: Schedule, (K, S) bool, or None = all sensors on.
+    Truth follows the path's inputs from x(t_0) with process noise of psd (n,) or (n, n) [unit^2/s]; its samples have the
+    sensors' correlated noise and constant errors, and are missing out of range and view. Each filter starts at a draw from
+    N(x(t_0), P_0), knows the psd and takes each sample as independent, of the variance that information counts for it.
+    schedule: Schedule, (K, S) bool, or None = all sensors on.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
@@ -113,42 +118,44 @@ def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | 
 def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (N+1, R, n) and NEES (N+1, R) of one chunk of runs."""
     system, path = task.system, task.path
-    model, n, count = system.model, path.x.shape[1], len(task.runs)
+    model = system.model
     draws = [_draws(task, run) for run in task.runs]
-    guess, gusts, blur = (np.stack(parts) for parts in zip(*draws, strict=True))
-    truth = _truth(task, gusts)
-    read = output(system).map(count)
-    y = np.stack([read(truth[k].T)[0].full().T for k in range(path.steps)]) + blur.swapaxes(0, 1)
+    guess, gusts, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
+    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, kicks=gusts)
+    seen = readings(system, truth[:, :-1])
+    y = seen.y + seen.spread * noise + bias[:, None]
     owner = np.array(model.output_owner)
-    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, count)
-    first = Belief(path.x[0] + guess, np.tile(task.prior.covariance, (count, 1, 1)))
+    active = task.active[:, owner] & (seen.gate > ARRIVES)
+    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T)
+    first = Belief(path.x[0] + guess, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
+    belief = estimator.run(first, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
     is_angle = np.array([state.is_angle for state in model.states])
-    errors, nees = np.empty((path.steps + 1, count, n)), np.empty((path.steps + 1, count))
-    for k, belief in enumerate(estimator.run(first, path.u, y, task.active[:, owner])):
-        errors[k] = wrap_columns(belief.mean - truth[k], is_angle)
-        weighted = np.linalg.solve(belief.covariance, errors[k][:, :, None])[:, :, 0]
-        nees[k] = np.einsum("ri,ri->r", errors[k], weighted)
-    return errors, nees
+    errors = wrap_columns(belief.mean - truth.swapaxes(0, 1), is_angle)
+    weighted = np.linalg.solve(belief.covariance, errors[..., None])[..., 0]
+    return errors, np.einsum("kri,kri->kr", errors, weighted)
 
 
-def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Initial error (n,), process noise (N, n) and measurement noise (N, q) of one run, from a stream of its own."""
+def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Initial error (n,), process noise (N, n), measurement noise (N, q) of spread 1, constant errors (q,), from a stream of its own."""
     random = np.random.default_rng([task.seed, run])
-    steps, sigmas = task.path.steps, np.array(task.system.model.sigmas)
+    model, steps = task.system.model, task.path.steps
     guess = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
     gusts = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
-    return guess, gusts, random.standard_normal((steps, len(sigmas))) * sigmas
+    noise = random.standard_normal((steps, len(model.outputs)))
+    periods = steps_per_sample(task.system.model, task.path.step)
+    for column, sensor in enumerate(model.output_owner):
+        correlation = model.channels[sensor].noise.correlation
+        if correlation:
+            noise[:: periods[sensor], column] = _correlated(noise[:: periods[sensor], column], correlation)
+    biases = np.array([model.channels[sensor].noise.bias for sensor in model.output_owner])
+    return guess, gusts, noise, biases * random.standard_normal(len(biases))
 
 
-def _truth(task: _Task, gusts: np.ndarray) -> np.ndarray:
-    """Return the true states (N+1, R, n) under process noise gusts (R, N, n)."""
-    count = len(gusts)
-    fly = advance(task.system, task.path.step).map(count)
-    idle = np.zeros((len(task.system.model.unknown_inputs), count))
-    states = [np.tile(task.path.x[0], (count, 1))]
-    for k, u in enumerate(task.path.u):
-        states.append(fly(states[k].T, np.tile(u[:, None], count), idle).full().T + gusts[:, k])
-    return np.stack(states)
+def _correlated(white: np.ndarray, correlation: float) -> np.ndarray:
+    """e_0 = white_0, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j: variance 1 throughout."""
+    fresh = np.sqrt(1 - correlation**2)
+    driven = np.concatenate([white[:1] / fresh, white[1:]])
+    return np.asarray(lfilter([fresh], [1.0, -correlation], driven))
 
 
 def _judged(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:

@@ -139,6 +139,10 @@ class Measure:
 CRITERIA = {
     "log_det": [Measure(od.LogDet(), lambda values: float(np.log(values).sum()), -np.inf)],
     "min_eigenvalue": [Measure(od.MinEigenvalue(), lambda values: float(values.min()), 0.0)],
+    "posterior": [
+        Measure(od.Posterior(od.Prior(np.zeros(2), std=(1.0, 2.0))), lambda values: float(values.min()), 0.0),
+        Measure(od.Posterior(od.Prior([1.0], std=[1.0]), (0.1,), ("w",), od.LogDet()), lambda values: float(np.log(values).sum()), -np.inf),
+    ],
     "trace_inverse": [Measure(od.TraceInverse(), lambda values: -float((1 / values).sum()), -np.inf)],
 }
 
@@ -173,11 +177,14 @@ def each(table: str) -> pytest.MarkDecorator:
 def test_a_kind_is_one_final_frozen_class_with_an_example(table: str, kind: str):
     package, abstract, _, instance = FAMILIES[table]
     cls = leaf(package, kind)
-    assert cls.__bases__ == (abstract,), "a leaf derives from the abstract base and from nothing else"
+    bases = cls.__mro__[1 : cls.__mro__.index(abstract)]
+    assert len(cls.__bases__) == 1
+    assert all(issubclass(base, abstract) and base.__name__.startswith("Abstract") for base in bases), "a leaf derives from abstract bases"
     assert not cls.__subclasses__(), "leaves are final"
     assert not getattr(cls, "__abstractmethods__", None)
-    implemented = {name for name, member in vars(abstract).items() if callable(member) and not name.startswith("__")}
-    assert not (implemented - abstract.__abstractmethods__) & set(vars(cls)), "nothing implemented is overridden"
+    for base in (*bases, abstract):
+        implemented = {name for name, member in vars(base).items() if callable(member) and not name.startswith("__")}
+        assert not (implemented - base.__abstractmethods__) & set(vars(cls)), "nothing implemented is overridden"
     assert dataclasses.is_dataclass(cls)
     assert cls.__dataclass_params__.frozen
     assert cls.__doc__
@@ -357,7 +364,8 @@ def test_a_sensor_brings_its_name_noise_rate_and_landmark_into_a_system(kind: st
         assert model.sensor_names == (sensor.name, f"{sensor.name}_2")
         assert len({signal.name for signal in model.outputs}) == 2 * len(sensor.outputs)
         for channel in model.channels:
-            assert channel.sigmas == (sensor.sigma,) * len(sensor.outputs)
+            assert float(channel.noise.variance) == pytest.approx(sensor.sigma**2, rel=1e-14)
+            assert float(channel.noise.gate) == 1.0
             assert (channel.rate, channel.landmark) == (2.0, sensor.landmark)
             assert channel.h.shape == (len(sensor.outputs), 1)
 
@@ -519,6 +527,28 @@ def test_a_criterion_is_its_function_of_the_eigenvalues(kind: str, n: int, seed:
     for measure in examples("CRITERIA", kind):
         W, values = information(n, seed)
         assert measure.criterion.value(W) == pytest.approx(measure.of_eigenvalues(values), rel=1e-9, abs=1e-9)
+
+
+@each("CRITERIA")
+@few
+@given(n=st.integers(1, 6), seed=seeds)
+def test_the_slope_of_a_criterion_is_its_derivative(kind: str, n: int, seed: int):
+    """Along a random direction, against central differences; and no value lies above the tangent: the criterion is concave."""
+    for measure in examples("CRITERIA", kind):
+        W, _ = information(n, seed)
+        direction = np.random.default_rng(seed + 1).standard_normal((n, n))
+        direction = (direction + direction.T) * np.linalg.eigvalsh(W)[0] / (4 * n)
+        value, Z = measure.criterion.value, measure.criterion.slope(W)
+        eps, along = 1e-5, float(np.sum(Z * direction))
+        difference = (value(W + eps * direction) - value(W - eps * direction)) / (2 * eps)
+        assert difference == pytest.approx(along, rel=1e-4, abs=1e-6 * np.abs(Z).max() * np.abs(direction).max())
+        assert value(W + direction) <= value(W) + along + 1e-9 * abs(value(W))
+
+
+def test_the_slope_where_eigenvalues_coincide_is_above_all_values():
+    W = np.diag([2.0, 2.0, 5.0])
+    Z = od.MinEigenvalue().slope(W)
+    np.testing.assert_allclose(Z, np.diag([0.5, 0.5, 0.0]), atol=1e-15)
 
 
 @pytest.mark.parametrize("n", [2, 3, 5])

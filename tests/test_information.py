@@ -450,18 +450,21 @@ def test_an_unknown_input_is_the_limit_of_a_growing_psd():
     np.testing.assert_allclose(np.array(excess[:-1]) / excess[1:], 10.0, rtol=0.01)
 
 
-def test_an_unknown_input_split_into_two_equal_ones_changes_nothing():
-    """B'M B is singular then: the pseudo-inverse must stand in for the inverse."""
+def test_unknown_inputs_that_no_output_tells_apart_are_refused_by_name():
+    """Two names for one push: what the outputs show of w and of v is the same."""
     x = ca.SX.sym("x", 3)
     push = ca.vertcat(0, 0, 1)
-    parts = ({"w": push}, {"w": push, "v": push}, {"w": push, "v": -2 * push})
-    found = []
-    for unknown in parts:
-        system = od.ControlAffineSystem(x, ("a", "b", "c"), ca.vertcat(x[1], x[2], 0), {}, unknown, {"y": x[0]}, {"y": 0.1})
-        path = od.simulate(system, (1.0, 2.0, 3.0), np.zeros((15, 0)), 0.5)
-        found.append(od.posterior_information(system, path, correlated_prior(3), unknown_inputs=tuple(unknown)))
-    assert_close(found[1], found[0], 1e-7)
-    assert_close(found[2], found[0], 1e-7)
+    system = od.ControlAffineSystem(
+        x, ("a", "b", "c"), ca.vertcat(x[1], x[2], 0), {}, {"w": push, "v": -2 * push, "gust": ca.vertcat(0, 0, x[0])}, {"y": x[0]}
+    )
+    path = od.simulate(system, (1.0, 2.0, 3.0), np.zeros((15, 0)), 0.5)
+    assert np.isfinite(od.posterior_information(system, path, correlated_prior(3), unknown_inputs=("w", "gust"))).all()
+    for function in (od.posterior_information, od.unknown_input_information):
+        with pytest.raises(od.InputError, match=r"cannot be told apart from the outputs along this path: \+1 w \+0.5 v leaves no trace"):
+            function(system, path, correlated_prior(3), unknown_inputs=("w", "v", "gust"))
+    compass = dubins(od.Magnetometer(0.2), wind="unknown")
+    with pytest.raises(od.InputError, match="'wind_x' leaves no trace in any output along this path"):
+        od.posterior_information(compass, turning_path(compass), correlated_prior(3), unknown_inputs=("wind_x", "wind_y"))
 
 
 def test_information_never_grows_by_noise_and_never_falls_by_samples():

@@ -35,7 +35,7 @@ BAD_INPUT = {
     "unknown criterion": (
         "min_eigenvalue",
         "min_eigenvalu",
-        ["design.criterion", "log_det, min_eigenvalue, trace_inverse", "did you mean"],
+        ["design.criterion", "log_det, min_eigenvalue, posterior, trace_inverse", "did you mean"],
     ),
     "unknown suite": ('[["gps"]]', '[["gpss"]]', ["design.suites[0]", "'gpss'", "did you mean 'gps'"]),
     "missing key": ("sigma = 1.0 ", "", ["sensors[2].sigma", "missing key"]),
@@ -101,10 +101,10 @@ def test_a_scenario_is_what_its_file_says():
     assert scenario.vehicle == od.Dubins(speed=20.0, wind="constant")
     beacon = (-1000.0, 1700.0)
     assert scenario.sensors == (
-        od.GPS(2.0, 1.0),
-        od.Magnetometer(math.radians(12), 1.0),
-        od.Range(beacon, 1.0, 1.0),
-        od.Bearing(beacon, math.radians(5), 1.0),
+        od.GPS(2.0, rate=1.0),
+        od.Magnetometer(math.radians(12), rate=1.0),
+        od.Range(beacon, 1.0, rate=1.0),
+        od.Bearing(beacon, math.radians(5), rate=1.0),
     )
     assert scenario.start["heading"] == pytest.approx(math.pi / 6)
     assert (scenario.steps, scenario.segments) == (120, 24)

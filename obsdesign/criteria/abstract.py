@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import cvxpy as cp
     import numpy as np
 
+    from obsdesign.prior import Prior
+
 
 @dataclass(frozen=True)
 class Lift:
@@ -28,12 +30,30 @@ class Lift:
     start: Callable[[np.ndarray, float], np.ndarray]
 
 
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known beside the samples: the prior of x(t_0), psd (n,) or (n, n) of the process noise as tuples, unknown inputs."""
+
+    prior: Prior
+    disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | None
+    unknown_inputs: tuple[str, ...]
+
+
 class AbstractCriterion(ABC):
     """A number that says how good an information matrix W (n, n) is; larger is better. Leaves are final, one file each."""
+
+    @property
+    @abstractmethod
+    def knowledge(self) -> Knowledge | None:
+        """What a design takes for W: None = the samples' information about x(t_0), else the posterior information about x(t_N)."""
 
     @abstractmethod
     def value(self, W: np.ndarray) -> float:
         """Return the number for W >= 0 symmetric; -inf where it does not exist."""
+
+    @abstractmethod
+    def slope(self, W: np.ndarray) -> np.ndarray:
+        """Return Z (n, n), symmetric, with value(W + dW) <= value(W) + <Z, dW>: the gradient where there is one."""
 
     @property
     @abstractmethod

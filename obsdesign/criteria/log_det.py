@@ -22,9 +22,16 @@ class LogDet(AbstractCriterion):
     Lift: W / c = L L', maximise 2 sum log L_ii + n log c.
     """
 
+    @property
+    def knowledge(self) -> None:
+        return None
+
     def value(self, W: np.ndarray) -> float:
         found = factor.balanced(W)
         return -np.inf if found is None else float(np.sum(np.log(found.values)) + 2 * np.sum(np.log(found.d)))
+
+    def slope(self, W: np.ndarray) -> np.ndarray:
+        return np.linalg.inv(W)
 
     @property
     def resolution(self) -> float:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import casadi as ca
     import cvxpy as cp
 
+_TIE = 1e-12  # eigenvalues nearer than this share of the largest are one
+
 
 @dataclass(frozen=True)
 class MinEigenvalue(AbstractCriterion):
@@ -22,8 +24,18 @@ class MinEigenvalue(AbstractCriterion):
     Lift: max c t subject to W / c - t I = L L', L lower triangular; smooth where eigenvalues coincide.
     """
 
+    @property
+    def knowledge(self) -> None:
+        return None
+
     def value(self, W: np.ndarray) -> float:
         return float(np.linalg.eigvalsh(W)[0])
+
+    def slope(self, W: np.ndarray) -> np.ndarray:
+        # the mean over the eigenvectors of a repeated eigenvalue: one supergradient, and no matter how they are chosen
+        values, vectors = np.linalg.eigh(W)
+        lowest = vectors[:, values <= values[0] + _TIE * abs(values[-1])]
+        return lowest @ lowest.T / lowest.shape[1]
 
     @property
     def resolution(self) -> float:

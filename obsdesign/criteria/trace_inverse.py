@@ -22,9 +22,17 @@ class TraceInverse(AbstractCriterion):
     Lift: W / c = L L', X L = I with X lower triangular, maximise -|X|_F^2 / c.
     """
 
+    @property
+    def knowledge(self) -> None:
+        return None
+
     def value(self, W: np.ndarray) -> float:
         found = factor.balanced(W)
         return -np.inf if found is None else -float(np.sum((found.V**2 @ (1 / found.values)) / found.d**2))
+
+    def slope(self, W: np.ndarray) -> np.ndarray:
+        inverse = np.linalg.inv(W)
+        return inverse @ inverse
 
     @property
     def resolution(self) -> float:

@@ -14,7 +14,9 @@ from obsdesign.constraints.abstract import AbstractConstraint, Coordinate
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError
+from obsdesign.information.posterior import posterior_information
 from obsdesign.information.record import Information
+from obsdesign.information.totals import segment_information
 from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.simulation import as_state
@@ -88,9 +90,16 @@ class DesignProblem:
         """S W S (..., n, n), without unit."""
         return W * self.units[:, None] * self.units
 
-    def value(self, information: Information) -> float:
-        """criterion(S W S), recomputed from blocks."""
-        return self.criterion.value(self.scaled(information.total))
+    def value(self, path: Trajectory) -> float:
+        """criterion(S W S) of a path, recomputed by the analysis code."""
+        return self.criterion.value(self.scaled(self.judged(path)))
+
+    def judged(self, path: Trajectory) -> np.ndarray:
+        """Return the matrix (n, n) that the criterion judges: W about x(t_0), or the posterior J about x(t_N)."""
+        known = self.criterion.knowledge
+        if known is None:
+            return segment_information(self.system, path, 1)[0].sum(axis=0)
+        return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-1]
 
     def margins(self, x: np.ndarray) -> np.ndarray:
         """All constraint margins of the states x (N+1, n); a path is feasible where all are >= 0."""

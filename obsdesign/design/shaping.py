@@ -71,7 +71,7 @@ def _recomputed(problem: DesignProblem, name: str, solution: Solution) -> _Attem
     u = np.array(problem.path.inputs(solution.p, problem.steps))  # pyright: ignore[reportArgumentType]  # serves both kinds
     path = simulate(problem.system, problem.x0, u, problem.step)
     information = variational_gramian(problem.system, path)
-    value = problem.value(information)
+    value = problem.value(path)
     status = solution.status
     agrees = abs(value - solution.objective) <= max(_AGREEMENT * abs(value), problem.criterion.resolution)
     if status.has_answer and not (agrees and problem.is_feasible(path.x)):

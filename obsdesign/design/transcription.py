@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from obsdesign.compile import sample_information, transition
-from obsdesign.criteria.abstract import Lift
+from obsdesign.criteria.abstract import Knowledge, Lift
 from obsdesign.design.problem import DesignProblem, margins_of
+from obsdesign.information.posterior import disturbance_of, posterior_step
+from obsdesign.information.recursion import packed, packed_values, symmetric
 from obsdesign.information.sampling import sampled
+from obsdesign.information.totals import stepped
+from obsdesign.simulation import simulate
 from obsdesign.status import Status
+from obsdesign.step import Step, blocks_of, sensitivity_of, step_of
 
 ITERATIONS = 400  # work, not seconds, decides when a start is given up
 
@@ -103,21 +108,58 @@ def solve(problem: DesignProblem, p: np.ndarray) -> Solution:
 
 
 def _shoot(problem: DesignProblem, u: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return S W S (n, n) and the states x (n, N+1) of the path that the inputs u (N, m) steer."""
-    system, n = problem.system, len(problem.x0)
-    step, sample = transition(system, problem.step), sample_information(system)
-    due = sampled(system, problem.steps, problem.step)
-    w = ca.SX.zeros(len(system.model.unknown_inputs))
-    states, Phi, W = [ca.SX(problem.x0)], ca.SX.eye(n), ca.SX.zeros(n, n)
+    """Return S W S (n, n), W what the criterion judges, and the states x (n, N+1) of the path that the inputs u (N, m) steer."""
+    known = problem.criterion.knowledge
+    start, add, total = _gramian(problem) if known is None else _posterior(problem, known)
+    fly = _called(step_of(problem.system.model, problem.step).without_disturbance())
+    states, carry = [ca.SX(problem.x0)], start
     for k in range(problem.steps):
-        blocks = ca.horzsplit(sample(states[k], Phi), n)
-        for s in np.flatnonzero(due[k]):
-            W = W + blocks[s]
-        x_next, F, _ = step.call([states[k], u[k, :].T, w])
-        states.append(x_next)
-        Phi = F @ Phi
+        carry = add(k, states[k], u[k, :].T, carry)
+        states.append(fly(states[k], u[k, :].T))
     S = ca.diag(ca.SX(problem.units))
-    return S @ W @ S, ca.horzcat(*states)
+    return S @ total(carry) @ S, ca.horzcat(*states)
+
+
+def _called(one: Step) -> ca.Function:
+    return ca.Function("advance", [one.x, one.u], [one.x_next])
+
+
+# (carry before the first step; (k, x, u, carry) -> carry; carry -> the matrix that is judged)
+_Recursion = tuple[ca.SX, Callable[[int, ca.SX, ca.SX, ca.SX], ca.SX], Callable[[ca.SX], ca.SX]]
+
+
+def _gramian(problem: DesignProblem) -> _Recursion:
+    """Carry (Phi's free entries, lower triangle of W)."""
+    system, n = problem.system, len(problem.x0)
+    one, shape = stepped(system.model, problem.step), sensitivity_of(system.model, problem.step)
+    due = sampled(system, problem.steps, problem.step)
+    W, sums = symmetric("W", n)
+    moved = ca.Function("moved", [one.x, one.u, one.w, one.Phi], [one.Phi_next])
+    gain = ca.Function("gain", [one.x, shape.free, sums], [packed(block + W) for block in blocks_of(system.model, shape.Phi)])
+    idle = ca.SX.zeros(one.w.numel())
+
+    def add(k: int, x: ca.SX, u: ca.SX, carry: ca.SX) -> ca.SX:
+        Phi, total = carry[: shape.free.numel()], carry[shape.free.numel() :]
+        for s in np.flatnonzero(due[k]):
+            total = gain.call([x, Phi, total])[s]
+        return ca.vertcat(moved(x, u, idle, Phi), total)
+
+    start = ca.vertcat(ca.SX(shape.start), ca.SX.zeros(sums.numel()))
+    judged = ca.Function("judged", [sums], [ca.densify(W)])
+    return start, add, lambda carry: judged(carry[shape.free.numel() :])
+
+
+def _posterior(problem: DesignProblem, known: Knowledge) -> _Recursion:
+    """Carry: lower triangle of J."""
+    system = problem.system
+    idle = simulate(system, problem.x0, np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1)), problem.step)
+    disturbance = disturbance_of(system, idle, known.prior, known.disturbance_psd, known.unknown_inputs)
+    due = sampled(system, problem.steps, problem.step).astype(float)
+    recursion = posterior_step(system.model, problem.step, disturbance)
+    J, lower = symmetric("J", len(problem.x0))
+    judged = ca.Function("judged", [lower], [J])
+    start = ca.SX(packed_values(known.prior.information))
+    return start, lambda k, x, u, carry: recursion(carry, x, u, due[k]), judged
 
 
 def _margins(problem: DesignProblem, x: ca.SX) -> ca.SX:

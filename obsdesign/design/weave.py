@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.compile import advance
 from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
-from obsdesign.information.gramian import variational_gramian
-from obsdesign.simulation import simulate
+from obsdesign.information.totals import batch_information
+from obsdesign.simulation import simulate, states_from
 from obsdesign.trajectory import Trajectory
 
 _LEAD = 5.0  # seconds in which the course is turned to before weaving
@@ -83,9 +82,19 @@ def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_Rated]:
     inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)))
     states = _flown(problem, inputs[inside]) if inside.size else []
     kept = [i for i, x in zip(inside, states, strict=True) if problem.margins(x).min(initial=0.0) >= 0]
-    paths = [(weaves[i], simulate(problem.system, problem.x0, inputs[i], problem.step)) for i in kept]
-    rated = [(problem.value(variational_gramian(problem.system, path)), weave, path) for weave, path in paths]
-    return sorted(rated, key=lambda candidate: -candidate[0])[:_KEPT]
+    if not kept:
+        return []
+    values = _values(problem, inputs[kept])
+    best = np.argsort(-values, kind="stable")[:_KEPT]
+    return [(float(values[i]), weaves[kept[i]], simulate(problem.system, problem.x0, inputs[kept[i]], problem.step)) for i in best]
+
+
+def _values(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
+    """Values (R,) of the paths of R input histories (R, N, m)."""
+    if problem.criterion.knowledge is not None:
+        return np.array([problem.value(simulate(problem.system, problem.x0, u, problem.step)) for u in inputs])
+    every = batch_information(problem.system, np.tile(problem.x0, (len(inputs), 1)), inputs, problem.step).sum(axis=1)
+    return np.array([problem.criterion.value(W) for W in problem.scaled(every)])
 
 
 def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:
@@ -96,11 +105,5 @@ def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:
 
 
 def _flown(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
-    """States (R, N+1, n) of the paths of R input histories (R, N, m), side by side."""
-    count = len(inputs)
-    fly = advance(problem.system, problem.step).map(count)
-    idle = np.zeros((len(problem.system.model.unknown_inputs), count))
-    states = [np.tile(problem.x0, (count, 1))]
-    for k in range(problem.steps):
-        states.append(fly(states[k].T, inputs[:, k].T, idle).full().T)
-    return np.stack(states, axis=1)
+    """States (R, N+1, n) of the paths of R input histories (R, N, m)."""
+    return states_from(problem.system, np.tile(problem.x0, (len(inputs), 1)), inputs, problem.step)

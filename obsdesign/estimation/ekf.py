@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from obsdesign.calculus import wrap_columns
-from obsdesign.compile import output, transition
-from obsdesign.model import AbstractSystem
+from obsdesign.information.recursion import packed, packed_values, symmetric, unpacked
+from obsdesign.model import AbstractSystem, Model
+from obsdesign.scan import Scan
+from obsdesign.step import CACHED, step_of
 
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What the filters of R runs believe: mean (R, n), covariance (R, n, n)."""
+    """What the filters of R runs believe: mean (..., R, n), covariance (..., R, n, n)."""
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -24,62 +24,99 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedKalmanFilter:
-    """Predict and update for `runs` filters of one system side by side; noise (n, n): process covariance of one step."""
+    """Predict and update filters of one system side by side; noise (n, n): process covariance of one step of `step` seconds."""
 
     system: AbstractSystem
     step: float
     noise: np.ndarray
-    runs: int
 
     def predict(self, belief: Belief, u: np.ndarray) -> Belief:
         """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs."""
-        runs, n = belief.mean.shape
-        idle = np.zeros((len(self.system.model.unknown_inputs), runs))
-        x, F, _ = self._transition(belief.mean.T, np.tile(u[:, None], runs), idle)
-        F = stacked(F, runs, n)
-        return Belief(x.full().T, symmetric(F @ belief.covariance @ F.swapaxes(1, 2) + self.noise))
+        return self._once(_predict(self.system.model, self.step), belief, [u, self._added])
 
     def update(self, belief: Belief, y: np.ndarray, active: np.ndarray) -> Belief:
-        """Take in the outputs y (R, q) of those sensors that are active (q,); angle residuals wrap. Joseph's form."""
-        if not active.any():
-            return belief
-        runs, n = belief.mean.shape
-        model = self.system.model
-        expected, C = self._output(belief.mean.T)
-        C = stacked(C, runs, n)[:, active]
-        is_angle = np.array([signal.is_angle for signal in model.outputs])
-        residual = wrap_columns(y - expected.full().T, is_angle)[:, active]
-        R = np.diag(np.square(model.sigmas))[np.ix_(active, active)]
-        P = belief.covariance
-        gain = np.linalg.solve(C @ P @ C.swapaxes(1, 2) + R, C @ P).swapaxes(1, 2)
-        remaining = np.eye(n) - gain @ C
-        covariance = remaining @ P @ remaining.swapaxes(1, 2) + gain @ R @ gain.swapaxes(1, 2)
-        return Belief(belief.mean + (gain @ residual[:, :, None])[:, :, 0], symmetric(covariance))
+        """Take in the outputs y (R, q) of those that are active, (q,) or (R, q); angle residuals wrap."""
+        each = np.broadcast_to(active, y.shape).astype(float)
+        return self._once(_update(self.system.model), belief, [y[:, None], each[:, None]])
 
-    def run(self, first: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> Iterator[Belief]:
-        """Yield N+1 beliefs: after the update at t_k for k < N, predicted at t_N. u (N, m), y (N, R, q), active (N, q)."""
-        belief = first
-        for k in range(len(u)):
-            updated = self.update(belief, y[k], active[k])
-            yield updated
-            belief = self.predict(updated, u[k])
-        yield belief
+    def run(self, first: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> Belief:
+        """Return N+1 beliefs (N+1, R, ...): after the update at t_k for k < N, predicted at t_N.
 
-    @cached_property
-    def _transition(self) -> ca.Function:
-        return transition(self.system, self.step).map(self.runs)
+        u (N, m), y (N, R, q), active (N, q) or (N, R, q).
+        """
+        n, steps = first.mean.shape[1], len(u)
+        each = active if active.ndim == 2 else np.swapaxes(active, 0, 1)
+        rows = [u, np.swapaxes(y, 0, 1), each.astype(float), self._added]
+        run = _filter(self.system.model, self.step).run(_packed(first), rows, steps, carries=False)
+        means = np.concatenate([run.results[0], run.carry[:, None, :n]], axis=1)
+        covariances = np.concatenate([run.results[1].reshape(-1, steps, n, n), unpacked(run.carry[:, n:], n)[:, None]], axis=1)
+        return Belief(means.swapaxes(0, 1), covariances.swapaxes(0, 1))
 
-    @cached_property
-    def _output(self) -> ca.Function:
-        return output(self.system).map(self.runs)
+    @property
+    def _added(self) -> np.ndarray:
+        return packed_values(np.asarray(self.noise, dtype=float))
+
+    def _once(self, scan: Scan, belief: Belief, rows: list[np.ndarray]) -> Belief:
+        n = belief.mean.shape[1]
+        carry = scan.run(_packed(belief), rows, 1, carries=False).carry
+        return Belief(carry[:, :n], unpacked(carry[:, n:], n))
 
 
-def stacked(wide: ca.DM, runs: int, columns: int) -> np.ndarray:
-    """Return (R, rows, columns) from R matrices that CasADi's map set side by side (rows, R columns)."""
-    values = wide.full()
-    return values.reshape(len(values), runs, columns).transpose(1, 0, 2)
+def _packed(belief: Belief) -> np.ndarray:
+    return np.hstack([belief.mean, packed_values(belief.covariance)])
 
 
-def symmetric(P: np.ndarray) -> np.ndarray:
-    """(P + P') / 2 for each of a stack of matrices."""
-    return (P + P.swapaxes(-1, -2)) / 2
+@lru_cache(CACHED)
+def _predict(model: Model, step: float) -> Scan:
+    one = step_of(model, step)
+    n = one.x.numel()
+    (P, carry), (Q, added) = symmetric("P", n), symmetric("Q", n)
+    return Scan(ca.vertcat(one.x, carry), [one.u, added], _predicted(model, step, one.x, P, Q))
+
+
+@lru_cache(CACHED)
+def _update(model: Model) -> Scan:
+    P, carry = symmetric("P", model.x.numel())
+    y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
+    mean, covariance = _updated(model, P, y, active)
+    return Scan(ca.vertcat(model.x, carry), [y, active], ca.vertcat(mean, packed(covariance)))
+
+
+@lru_cache(CACHED)
+def _filter(model: Model, step: float) -> Scan:
+    """One update and one prediction; results: mean (n,) and covariance (n n,) between them."""
+    one = step_of(model, step)
+    n = model.x.numel()
+    (P, carry), (Q, added) = symmetric("P", n), symmetric("Q", n)
+    y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
+    mean, covariance = _updated(model, P, y, active)
+    carry_next = _predicted(model, step, mean, covariance, Q)
+    return Scan(ca.vertcat(model.x, carry), [one.u, y, active, added], carry_next, [mean, ca.vec(covariance)])
+
+
+def _predicted(model: Model, step: float, mean: ca.SX, P: ca.SX, Q: ca.SX) -> ca.SX:
+    """(f(x, u), lower triangle of F P F' + Q)."""
+    one = step_of(model, step).without_disturbance()
+    x_next, F = (ca.substitute(value, one.x, mean) for value in (one.x_next, one.F))
+    return ca.vertcat(x_next, packed(F @ P @ F.T + Q))
+
+
+def _updated(model: Model, P: ca.SX, y: ca.SX, active: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Mean and covariance after the active outputs, one by one: with independent noise the same as all at once.
+
+    All are linearised at the predicted mean. R is what information counts for a sample that has arrived.
+    """
+    C = ca.jacobian(model.h, model.x)
+    R = ca.vertcat(*[ca.repmat(channel.noise.variance, len(channel.outputs)) for channel in model.channels])
+    moved = ca.SX.zeros(model.x.numel())
+    for i, signal in enumerate(model.outputs):
+        # an output that is off must not matter, not even where it has no derivative
+        row = ca.if_else(active[i], C[i, :], 0)
+        residual = ca.if_else(active[i], y[i] - model.h[i], 0)
+        if signal.is_angle:
+            residual = ca.remainder(residual, 2 * np.pi)
+        along = P @ row.T
+        gain = along / (row @ along + ca.if_else(active[i], R[i], 1))
+        moved += gain * (residual - row @ moved)
+        P = P - gain @ along.T
+    return model.x + moved, P

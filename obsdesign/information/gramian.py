@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from obsdesign.calculus import wrap_columns
-from obsdesign.checks import require_positive
-from obsdesign.compile import advanced_along, output, transported_along
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
-from obsdesign.information.sampling import sampled, with_derivatives
-from obsdesign.model import AbstractSystem
+from obsdesign.information.sampling import sampled_only, with_derivatives
+from obsdesign.model import AbstractSystem, Model
+from obsdesign.scan import Scan
+from obsdesign.simulation import readings, states_from
+from obsdesign.step import CACHED, blocks_of, dense_blocks, sensitivity_of, step_of
 from obsdesign.trajectory import Trajectory
 
 # (x (N, n), u (N, m), step, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step
@@ -27,18 +29,31 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     over each step (Simpson's rule on half steps, order 4), whatever the sensors' rates.
     Raises InputError for paths that do not fit the system and for a path through a landmark.
     """
-    return _gramian(system, path, weighted, partial(_sensitivity_samples, system))
+    require_fit(system, path)
+    if weighted:
+        Phi, blocks = _sensitivities(system, path.x[:-1], path.u, path.step, True)
+        blocks, end = sampled_only(blocks, system, path.step), Phi[-1]
+    else:
+        blocks, end = _integrated(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
+    return Information(with_derivatives(blocks, system, path), system.model.sensor_names, end)
 
 
-def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: float = 1e-4, weighted: bool = True) -> Information:
+def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
     """W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
 
-    eps: in the unit of each state. weighted=False: the integral without R, Brace and Morgansen eq. (3).
-    Raises InputError as variational_gramian, and for eps <= 0.
+    eps: in the unit of each state, one number or (n,). weighted=False: the integral without R, Brace and Morgansen eq. (3).
+    `perturbation` tells whether an eps is neither so small that rounding shows nor so large that curvature does.
+    Raises InputError as variational_gramian, and unless eps > 0.
     """
-    require_positive("eps", eps)
-    variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
-    return _gramian(system, path, weighted, partial(_difference_samples, system, eps))
+    require_fit(system, path)
+    size = _perturbation_of(system, eps)
+    reference = variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
+    sampler = partial(_difference_samples, system, size)
+    if weighted:
+        blocks = sampled_only(sampler(path.x[:-1], path.u, path.step, True), system, path.step)
+    else:
+        blocks = _integrated(system, path, sampler)
+    return Information(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition)
 
 
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
@@ -55,57 +70,68 @@ def require_fit(system: AbstractSystem, path: Trajectory) -> None:
 
 def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return Phi (N+1, n, n): Phi[k] = dx(t_k)/dx(t_0) along the path."""
-    n = path.x.shape[1]
-    products = transported_along(system, path.step, path.steps)(np.eye(n), path.x[:-1].T, path.u.T)[0]
-    later = products.full().reshape(n, path.steps, n).transpose(1, 0, 2)
-    return np.concatenate([np.eye(n)[None], later])
+    shape = sensitivity_of(system.model, path.step)
+    later = _transition(system.model, path.step).along(shape.start, path.x[:-1], path.u)[0]
+    return shape.full(np.vstack([shape.start, later]))
 
 
-def _gramian(system: AbstractSystem, path: Trajectory, weighted: bool, sampler: _Sampler) -> Information:
-    require_fit(system, path)
-    if weighted:
-        mask = sampled(system, path.steps, path.step)
-        blocks = np.where(mask[:, :, None, None], sampler(path.x[:-1], path.u, path.step, True), 0.0)
-    else:
-        blocks = _integrated(system, path, sampler)
-    return Information(with_derivatives(blocks, system, path), system.model.sensor_names)
+@lru_cache(CACHED)
+def _transition(model: Model, step: float) -> Scan:
+    """Phi -> F(x, u) Phi, without the blocks."""
+    one, shape = step_of(model, step).without_disturbance(), sensitivity_of(model, step)
+    return Scan(shape.free, [one.x, one.u], shape.next)
+
+
+@lru_cache(CACHED)
+def transported(model: Model, step: float, weighted: bool) -> Scan:
+    """Phi -> F(x, u) Phi, with the blocks (S n n,) of a sample at x."""
+    one, shape = step_of(model, step).without_disturbance(), sensitivity_of(model, step)
+    return Scan(shape.free, [one.x, one.u], shape.next, [dense_blocks(blocks_of(model, shape.Phi, weighted))])
+
+
+def _sensitivities(system: AbstractSystem, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return Phi (1, n, n) after the last step, and blocks (N, S, n, n)."""
+    shape, n = sensitivity_of(system.model, step), x.shape[1]
+    run = transported(system.model, step, weighted).run(shape.start[None], [x, u], len(u), carries=False)
+    return shape.full(run.carry), run.results[0].reshape(len(u), -1, n, n)
 
 
 def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> np.ndarray:
-    n, steps = x.shape[1], len(u)
-    blocks = transported_along(system, step, steps, weighted)(np.eye(n), x.T, u.T)[1]
-    return blocks.full().reshape(n, steps, -1, n).transpose(1, 2, 0, 3)
+    return _sensitivities(system, x, u, step, weighted)[1]
 
 
-def _difference_samples(system: AbstractSystem, eps: float, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> np.ndarray:
-    model = system.model
-    is_angle = np.array([signal.is_angle for signal in model.outputs])
-    owner = np.array(model.output_owner)
-    plus, minus = (_outputs_from(system, x[0], u, step, side * eps) for side in (1, -1))
-    Y = wrap_columns(plus - minus, is_angle) / (2 * eps)  # (n, N, q)
+def _perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
+    names = system.model.state_names
+    size = np.asarray(eps, dtype=float)
+    if size.shape not in {(), (len(names),)}:
+        raise InputError(f"eps has shape {size.shape}: must be one number or ({len(names)},) for {', '.join(names)}")
+    each = np.broadcast_to(size, (len(names),))
+    for name, value in zip(names, each, strict=True):
+        if not (np.isfinite(value) and value > 0):
+            what = "eps" if size.shape == () else f"eps of {name}"
+            raise InputError(f"{what} is {float(value)!r}: must be a finite number above 0")
+    return each
+
+
+def _difference_samples(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> np.ndarray:
+    """Central differences over 2 n paths; the weights are those of the path itself."""
+    model, n = system.model, x.shape[1]
+    starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
+    states = states_from(system, starts, u, step)[:, :-1]
+    y = readings(system, states).y
+    Y = wrap_columns(y[:n] - y[n:], np.array([signal.is_angle for signal in model.outputs])) / (2 * eps[:, None, None])
     if weighted:
-        Y = Y / np.array(model.sigmas)
+        along = readings(system, x[None])
+        Y *= np.sqrt(along.gate[0] / along.variance[0])
+    owner = np.array(model.output_owner)
     each = [np.einsum("ikq,jkq->kij", Y[..., owner == s], Y[..., owner == s]) for s in range(len(model.channels))]
     return np.stack(each, axis=1)
-
-
-def _outputs_from(system: AbstractSystem, x0: np.ndarray, u: np.ndarray, step: float, eps: float) -> np.ndarray:
-    """y (n, N, q) along the n paths that start at x0 + eps e_i."""
-    n, steps = len(x0), len(u)
-    no_disturbance = np.zeros((len(system.model.unknown_inputs), steps))
-    walk, read = advanced_along(system, step, steps), output(system).map(steps)
-    outputs = []
-    for start in x0 + eps * np.eye(n):
-        states = np.vstack([start, walk(start, u.T, no_disturbance).full().T])[:-1]
-        outputs.append(read(states.T)[0].full().T)
-    return np.array(outputs)
 
 
 def _integrated(system: AbstractSystem, path: Trajectory, sampler: _Sampler) -> np.ndarray:
     """Simpson's rule over each step on the values at its start, middle and end."""
     half = path.step / 2
     u = np.repeat(path.u, 2, axis=0)
-    no_disturbance = np.zeros((len(system.model.unknown_inputs), len(u)))
-    fine = np.vstack([path.x[0], advanced_along(system, half, len(u))(path.x[0], u.T, no_disturbance).full().T])
+    fine = states_from(system, path.x[:1], u, half)[0]
     values = sampler(fine, np.vstack([u, u[-1:]]), half, False)
     return (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half / 3

@@ -14,22 +14,27 @@ class Information:
     """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.
 
     Weighted blocks are Fisher information, in 1/(unit_i unit_j). Information adds up over steps and sensors.
+    transition (n, n): Phi = dx(t_N)/dx(t_0), which carries information to the end of the path; None = not known.
     """
 
     blocks: np.ndarray
     names: tuple[str, ...]
+    transition: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        blocks = np.array(self.blocks, dtype=float)
+        blocks = np.asarray(self.blocks, dtype=float)
         if blocks.ndim != 4 or blocks.shape[1] != len(self.names) or blocks.shape[2] != blocks.shape[3]:
             raise InputError(f"information: blocks {blocks.shape} do not fit (N, {len(self.names)}, n, n)")
-        blocks.setflags(write=False)
+        if blocks.flags.writeable:  # someone else may still write to it
+            blocks = blocks.copy()
+            blocks.setflags(write=False)
         object.__setattr__(self, "blocks", blocks)
 
     @property
     def total(self) -> np.ndarray:
         """W (n, n) = sum of all blocks."""
-        return self.blocks.sum(axis=(0, 1))
+        n = self.blocks.shape[2]
+        return self.blocks.reshape(-1, n * n).sum(axis=0).reshape(n, n)
 
     def by_segment(self, segments: int) -> np.ndarray:
         """Return (K, S, n, n): the blocks of K equal groups of steps, summed. K must divide N."""

@@ -15,7 +15,7 @@ from obsdesign.information.record import standard_deviations
 from obsdesign.report.rounding import NARROW, rounded
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
-from obsdesign.study import CHOSEN, DESIGNED, STRAIGHT, Analysis, Candidate, Check, Quality, Study, disturbance_psd_of, prior_of
+from obsdesign.study import CHOSEN, DESIGNED, STRAIGHT, Analysis, Candidate, Check, Quality, Study
 from obsdesign.validation import SETTLED, active_steps
 
 
@@ -98,7 +98,7 @@ def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
     scenario, path = study.scenario, study.candidate(DESIGNED).path
     active = active_steps(scenario.system, path, study.selection.schedule)
-    J = posterior_information(scenario.system, path, prior_of(scenario), disturbance_psd_of(scenario), active=active)
+    J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
     place = study.designs[0].problem.position
     return np.linalg.inv(J)[np.ix_(range(len(J)), place, place)]
 

@@ -17,6 +17,7 @@ from obsdesign.families import kinds, leaf
 from obsdesign.sensors.abstract import distinct_names
 
 if TYPE_CHECKING:
+    from obsdesign.prior import Prior
     from obsdesign.system import System
 
 # every class that a table may name under `kind`
@@ -139,8 +140,22 @@ class Scenario(_Table):
 
     @property
     def criterion(self) -> AbstractCriterion:
-        """What the design is judged by."""
-        return leaf(obsdesign.criteria, self.design.criterion)()
+        """What the design is judged by; the posterior with the scenario's own prior and process noise."""
+        kind = leaf(obsdesign.criteria, self.design.criterion)
+        return kind(self.prior_at_start, self.disturbance_psd) if self.design.criterion == "posterior" else kind()
+
+    @property
+    def prior_at_start(self) -> Prior:
+        """N(x(t_0), diag(std^2))."""
+        from obsdesign.prior import Prior
+
+        names = self.state_names
+        return Prior([self.start[name] for name in names], std=[self.prior[name] for name in names])
+
+    @property
+    def disturbance_psd(self) -> tuple[float, ...]:
+        """Power spectral density (n,) of the process noise, unit^2/s."""
+        return tuple(self.process_noise.get(name, 0.0) ** 2 for name in self.state_names)
 
     @property
     def segments(self) -> int:

@@ -4,30 +4,42 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from obsdesign.checks import require_positive
+from obsdesign.checks import require_positive, require_within
 from obsdesign.signals import Point, Signal
 
 if TYPE_CHECKING:
     import casadi as ca
 
 
+@dataclass(frozen=True, kw_only=True)
 class AbstractSensor(ABC):
     """A sensor of one or more outputs. Leaves are final frozen dataclasses, one file each.
 
-    sigma: standard deviation of one sample of each output, in the output's unit.
-    rate [Hz]: samples per second, None = every step; name: what reports call it.
+    name: what reports call it; rate [Hz]: samples per second, None = every step. inflation: what filters multiply the spread by,
+    for what the model leaves out. bias_floor: standard deviation of a constant error, in the output's unit, added to the variance
+    of every sample. correlation: of the noise of successive samples, in [0, 1); N samples of such noise are worth
+    N (1 - c) / (1 + c) independent ones, so one sample counts with the variance
+
+        R = inflation^2 spread^2 (1 + c) / (1 - c) + bias_floor^2.
+
+    Raises InputError for values outside these ranges.
     """
 
-    sigma: float
-    rate: float | None
-    name: str
+    rate: float | None = None
+    inflation: float = 1.0
+    bias_floor: float = 0.0
+    correlation: float = 0.0
+    name: str = "sensor"
 
     def __post_init__(self) -> None:
-        require_positive(f"{self.name}: sigma", self.sigma)
         if self.rate is not None:
             require_positive(f"{self.name}: rate", self.rate)
+        require_positive(f"{self.name}: inflation", self.inflation)
+        require_within(f"{self.name}: bias_floor", self.bias_floor)
+        require_within(f"{self.name}: correlation", self.correlation, below=1.0)
 
     @property
     @abstractmethod
@@ -42,6 +54,14 @@ class AbstractSensor(ABC):
     @abstractmethod
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return the noise-free outputs h(x) at the state given by name."""
+
+    @abstractmethod
+    def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return the standard deviation of one sample of each output at the state, without inflation and bias."""
+
+    @abstractmethod
+    def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return what share of the samples arrives at the state, in (0, 1], smooth."""
 
 
 def distinct_names(sensors: Sequence[AbstractSensor]) -> tuple[str, ...]:

@@ -6,28 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.sensors._onboard import AbstractOnboard
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
     import casadi as ca
 
 
-@dataclass(frozen=True)
-class GPS(AbstractSensor):
+@dataclass(frozen=True, kw_only=True)
+class GPS(AbstractOnboard):
     """h = (x, y); sigma [m] of each coordinate. Source: Brace and Morgansen, Table I."""
 
-    sigma: float
-    rate: float | None = None
     name: str = "gps"
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
         return (Signal(f"{self.name}_x", "m"), Signal(f"{self.name}_y", "m"))
-
-    @property
-    def landmark(self) -> None:
-        return None
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         return (state["x"], state["y"])

@@ -36,6 +36,16 @@ class Prior:
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Prior) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[bytes, bytes]:
+        return self.mean.tobytes(), self.covariance.tobytes()
+
     @property
     def std(self) -> np.ndarray:
         """Standard deviation (n,) of each state."""

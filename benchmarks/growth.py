@@ -1,0 +1,150 @@
+"""How the time of information blocks grows with steps, sensors and states, and the memory of a long path."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from functools import partial
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+import obsdesign as od
+from benchmarks.scene import START, STEP, UNICYCLE, flown
+from benchmarks.tables import exponent, peak_memory, table
+from benchmarks.timing import MODES, Times, in_modes, mode, timed
+from obsdesign.information.gramian import transported
+
+STEPS = (1_000, 10_000, 100_000, 1_000_000)
+SENSORS = (1, 4, 16, 64)
+STATES = (3, 5, 7, 15)
+SEGMENT = 1_000
+SPEED = 10.0
+
+
+def growth() -> list[str]:
+    """Time over steps, sensors and states, in both ways to run a loop."""
+    rows = [
+        *_series("steps", STEPS, [_along(UNICYCLE, flown(steps)) for steps in STEPS], [UNICYCLE] * len(STEPS)),
+        *_grown("sensors", SENSORS, map(with_ranges, SENSORS)),
+        *_grown("states", STATES, map(with_states, STATES)),
+    ]
+    header = ("what grows", "loops", "sizes", "p", "p, best", "ms", "best ms", "operations per step")
+    peaks = ", ".join(_memory(name) for name in MODES)
+    return [
+        "Time = c size^p; p fitted over the sizes shown, to the medians and to the best times. Steps: the unicycle above, from 10,000 on",
+        f"by `segment_information` in segments of {SEGMENT:,}, below by `variational_gramian`. Sensors: ranges to beacons, 5 states, 1,000",
+        "steps. States: a Dubins vehicle without wind (3), with wind (5), with trailers, the ranges taken on the last of them (7, 15); 4",
+        "ranges, 1,000 steps.",
+        "",
+        table(header, rows),
+        "",
+        f"Peak memory of a process that does nothing but {STEPS[-1]:,} steps by segment: {peaks}. Bar: < 1 GB.",
+    ]
+
+
+# ---------------------------------------------------------------- systems
+
+
+def beacons(count: int) -> list[tuple[float, float]]:
+    """Return places on a circle around the start."""
+    angles = 2 * np.pi * np.arange(count) / count + 0.3
+    return [(float(300 * np.cos(angle)), float(300 * np.sin(angle))) for angle in angles]
+
+
+def with_ranges(count: int) -> od.System:
+    """Return a Dubins vehicle in wind with `count` ranges."""
+    return od.System(od.Dubins(SPEED, wind="constant"), tuple(od.Range(place, 1.0) for place in beacons(count)))
+
+
+def with_states(n: int) -> od.System | od.ControlAffineSystem:
+    """Return a system of n states with four ranges."""
+    if n > 5:
+        return trailers(n - 3)
+    return od.System(od.Dubins(SPEED, wind="constant" if n == 5 else None), tuple(od.Range(place, 1.0) for place in beacons(4)))
+
+
+def trailers(count: int, length: float = 5.0) -> od.ControlAffineSystem:
+    """Return a tractor with trailers, each one's heading a state; the last one's axle has four ranges to beacons."""
+    x = ca.SX.sym("x", 3 + count)
+    headings = ca.vertsplit(x)[2:]
+    speed, rates, place = ca.SX(SPEED), [], ca.vertcat(x[0], x[1])
+    for ahead, heading in pairwise(headings):
+        rates.append(speed / length * ca.sin(ahead - heading))
+        speed = speed * ca.cos(ahead - heading)
+        place = place - length * ca.vertcat(ca.cos(heading), ca.sin(heading))
+    drift = ca.vertcat(SPEED * ca.cos(x[2]), SPEED * ca.sin(x[2]), 0, *rates)
+    names = ("x", "y", "heading", *(f"trailer_{i}" for i in range(count)))
+    outputs = {f"range_{i}": ca.norm_2(ca.vertcat(*beacon) - place) for i, beacon in enumerate(beacons(4))}
+    turn = ca.SX([0, 0, 1, *[0] * count])
+    return od.ControlAffineSystem(x, names, drift, {"turn_rate": turn}, outputs=outputs, angles=names[2:])
+
+
+# ---------------------------------------------------------------- series
+
+
+def _grown(what: str, sizes: tuple[int, ...], systems: Iterable[od.System | od.ControlAffineSystem]) -> list[tuple]:
+    every = list(systems)
+    return _series(what, sizes, [_along(system, _turning(system)) for system in every], every)
+
+
+def _turning(system: od.System | od.ControlAffineSystem, steps: int = SEGMENT) -> od.Trajectory:
+    n = len(system.model.states)
+    start = START if n == 5 else np.array([3.0, -1.0, *[0.4] * (n - 2)])
+    return od.simulate(system, start, 0.3 * np.cos(0.07 * np.arange(steps)), STEP)
+
+
+def _along(system: od.System | od.ControlAffineSystem, path: od.Trajectory) -> Callable[[], object]:
+    if path.steps >= 10_000:
+        return partial(od.segment_information, system, path, path.steps // SEGMENT)
+    return partial(od.variational_gramian, system, path)
+
+
+def _series(
+    what: str, sizes: tuple[int, ...], calls: list[Callable[[], object]], systems: list[od.System | od.ControlAffineSystem]
+) -> list[tuple]:
+    times: dict[str, list[Times]] = {name: [] for name in MODES}
+    for call in calls:
+        for name, each in timed(in_modes(call), rounds=3).items():
+            times[name].append(each)
+    operations = [transported(system.model, STEP, True).instructions for system in systems]
+    return [_row(what, name, sizes, times[name], operations) for name in MODES]
+
+
+def _row(what: str, name: str, sizes: tuple[int, ...], times: list[Times], operations: list[int]) -> tuple:
+    seconds = [[each.median for each in times], [each.best for each in times]]
+    shown = [", ".join(f"{1e3 * value:.3g}" for value in values) for values in seconds]
+    return what, name, _listed(sizes), *(exponent(sizes, values) for values in seconds), *shown, _listed(operations)
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
+# ---------------------------------------------------------------- memory
+
+
+def _memory(name: str) -> str:
+    """Peak memory of a new process, and of another that stops before the information."""
+    whole, before = (_peak(name, verb) for verb in ("segments", "path"))
+    return f"{whole} MB as {name} ({before} MB when the path is there)"
+
+
+def _peak(name: str, verb: str) -> str:
+    command = [sys.executable, "-m", "benchmarks.growth", verb]
+    with mode(name):
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def main(verb: str) -> None:
+    """Print the peak memory [MB] of this process after a path of 10^6 steps, or after its information by segment."""
+    path = flown(STEPS[-1])
+    if verb == "segments":
+        od.segment_information(UNICYCLE, path, path.steps // SEGMENT)
+    sys.stdout.write(f"{peak_memory():.0f}\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

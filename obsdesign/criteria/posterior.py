@@ -1,0 +1,56 @@
+"""What a filter can know in the end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from obsdesign.criteria.abstract import AbstractCriterion, Knowledge, Lift
+from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.prior import Prior
+
+if TYPE_CHECKING:
+    import casadi as ca
+    import cvxpy as cp
+
+
+@dataclass(frozen=True)
+class Posterior(AbstractCriterion):
+    """Another criterion of J, the posterior information about x(t_N), in the place of W, the samples' about x(t_0).
+
+    J is that of `posterior_information` with the prior of x(t_0), disturbance_psd None, (n,) or (n, n) [unit^2/s] and unknown
+    inputs by name. It is not additive over sensors and steps: no schedule is optimal for it.
+    """
+
+    prior: Prior
+    disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | None = None
+    unknown_inputs: tuple[str, ...] = ()
+    criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
+
+    def __post_init__(self) -> None:
+        if self.disturbance_psd is not None:
+            psd = np.asarray(self.disturbance_psd, dtype=float).tolist()
+            object.__setattr__(self, "disturbance_psd", tuple(tuple(row) if isinstance(row, list) else row for row in psd))
+        object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
+
+    @property
+    def knowledge(self) -> Knowledge:
+        return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs)
+
+    def value(self, W: np.ndarray) -> float:
+        return self.criterion.value(W)
+
+    def slope(self, W: np.ndarray) -> np.ndarray:
+        return self.criterion.slope(W)
+
+    @property
+    def resolution(self) -> float:
+        return self.criterion.resolution
+
+    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
+        return self.criterion.lift(W, c)
+
+    def atom(self, W: cp.Expression) -> cp.Expression:
+        return self.criterion.atom(W)

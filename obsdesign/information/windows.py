@@ -1,0 +1,61 @@
+"""Information of windows that slide along a path: which stretches see the state, and which do not."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.checks import require_count
+from obsdesign.information.gramian import require_fit
+from obsdesign.information.sampling import sampled_only, with_derivatives
+from obsdesign.model import AbstractSystem, Model
+from obsdesign.scan import Scan
+from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
+from obsdesign.trajectory import Trajectory
+
+
+def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
+    """Return (N - window + 1, S, n, n): what the samples at t_k .. t_(k + window - 1) of sensor s say about x(t_k).
+
+    Of two stretches, one after the other, (F, W) and (F', W'), the whole is (F' F, W + F'W'F): stretches of 1, 2, 4, ...
+    steps are built for all k at once, so that the work grows as N log(window), and nothing is inverted.
+    Raises InputError as variational_gramian, and unless 1 <= window <= N.
+    """
+    require_fit(system, path)
+    require_count("window", window, least=1, most=path.steps)
+    F, blocks = local_information(system, path)
+    found = None  # (F, W) of the steps of the window joined so far
+    for bit in range(window.bit_length()):
+        if window >> bit & 1:
+            found = (F, blocks) if found is None else _joined(found, (F, blocks), (window & ((1 << bit) - 1)))
+        if window >> (bit + 1):
+            F, blocks = _joined((F, blocks), (F, blocks), 1 << bit)
+    assert found is not None  # window >= 1
+    return found[1][: path.steps - window + 1].copy()
+
+
+def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Return F (N, n, n) and C'R^-1 C (N, S, n, n) of each sensor, 0 where there is no sample, at each step."""
+    n = path.x.shape[1]
+    run = _local(system.model, path.step).run(np.empty((1, 0)), [path.x[:-1], path.u], path.steps, carries=False)
+    F, blocks = (values.reshape(path.steps, -1, n, n) for values in run.results)
+    return F[:, 0].swapaxes(1, 2), with_derivatives(sampled_only(blocks, system, path.step), system, path)
+
+
+@lru_cache(CACHED)
+def _local(model: Model, step: float) -> Scan:
+    one = step_of(model, step).without_disturbance()
+    blocks = dense_blocks(blocks_of(model, ca.SX.eye(one.x.numel())))
+    return Scan(ca.SX(0, 1), [one.x, one.u], ca.SX(0, 1), [ca.vec(ca.densify(one.F)), blocks])
+
+
+def _joined(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Each stretch of `first`, `steps` long, followed by the one of `second` that begins where it ends."""
+    F, W = first[0], first[1]
+    F_later, W_later = second[0][steps:], second[1][steps:]
+    count = min(len(F), len(F_later))
+    F, W, F_later, W_later = F[:count], W[:count], F_later[:count], W_later[:count]
+    across = F[:, None]
+    return F_later @ F, W + across.swapaxes(2, 3) @ W_later @ across

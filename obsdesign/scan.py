@@ -1,0 +1,182 @@
+"""A function repeated along the rows of arrays, each result carried into the next: no Python in the loop."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from threading import Lock
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from obsdesign import compile as machine
+
+_LOAD = 2_000  # steps after which the cache folder is asked for machine code ...
+_COMPILE = 200_000  # ... and after which a compiler is: its half second is then well spent
+_NAME = "obsdesign_step"  # a name that no library has: "step" is one of the C library, and would be called instead
+_LONGEST = 1024  # steps of the longest stretch that CasADi repeats in one call; a power of two
+
+# carries: values before each step's update would be x_k; here x_(k+1), as CasADi's mapaccum has it
+_DRIVER = """
+#include <string.h>
+int {name}_scan(long long paths, long long steps, double* carry, double* carries,
+                const double* const* rows, const long long* leaps, const long long* strides, double* const* results) {{
+  const long long widths[] = {{{widths}}};
+  const double* arg[{sz_arg}]; double* res[{sz_res}]; casadi_int iw[{sz_iw}]; double w[{sz_w}]; double next[{carried}];
+  for (long long m = 0; m < paths; ++m) {{
+    double* now = carry + m * {c};
+    for (long long k = 0; k < steps; ++k) {{
+      arg[0] = now;
+      for (int i = 0; i < {rows}; ++i) arg[1 + i] = rows[i] + m * leaps[i] + k * strides[i];
+      res[0] = next;
+      for (int j = 0; j < {results}; ++j) res[1 + j] = results[j] ? results[j] + (m * steps + k) * widths[j] : 0;
+      if ({name}(arg, res, iw, w, 0)) return 1;
+      memcpy(now, next, {c} * sizeof(double));
+      if (carries) memcpy(carries + (m * steps + k) * {c}, next, {c} * sizeof(double));
+    }}
+  }}
+  return 0;
+}}
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What M paths of N steps gave: carry (M, c) after the last step, carries (M, N, c) after each, results (M, N, b) each."""
+
+    carry: np.ndarray
+    carries: np.ndarray
+    results: tuple[np.ndarray, ...]
+
+
+class Scan:
+    """(carry, row_1, ...) -> (carry', result_1, ...), all SX columns, applied to every row of arrays in turn.
+
+    Runs in CasADi's virtual machine, or as machine code once it has run long enough for that to pay: the same numbers bit for
+    bit, so that nothing depends on when. May be called from several threads.
+    """
+
+    def __init__(self, carry: ca.SX, rows: Sequence[ca.SX], carry_next: ca.SX, results: Sequence[ca.SX] = ()) -> None:
+        outputs = ca.cse([ca.densify(carry_next), *map(ca.densify, results)])
+        self._function = ca.Function(_NAME, [carry, *rows], outputs)
+        self.widths = tuple(result.numel() for result in results)
+        self._stretches: dict[tuple[int, bool], tuple[ca.FunctionBuffer, Callable[[], None]]] = {}
+        self._lock = Lock()
+        self._done = 0
+        self._compiled: machine.Compiled | None = None
+        self._wish = machine.wish()
+
+    @property
+    def instructions(self) -> int:
+        """Number of operations of one step."""
+        return self._function.n_instructions()
+
+    @property
+    def backend(self) -> str:
+        """Say what runs the loop, and why it is not machine code if it is not."""
+        if self._compiled is None:
+            return f"CasADi's virtual machine ({'switched off' if self._wish == 'never' else 'not run long enough'})"
+        return "machine code" if self._compiled.entry else f"CasADi's virtual machine ({self._compiled.reason})"
+
+    def along(self, carry: np.ndarray, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return carries (N, c) after each step and each result (N, b), for carry (c,) and rows (N, a)."""
+        run = self.run(carry[None], rows, len(rows[0]))
+        return run.carries[0], *(result[0] for result in run.results)
+
+    def last(self, carry: np.ndarray, *rows: np.ndarray) -> np.ndarray:
+        """Return the carry (c,) after the last step."""
+        return self.run(carry[None], rows, len(rows[0]), carries=False, results=False).carry[0]
+
+    def run(self, carry: np.ndarray, rows: Sequence[np.ndarray], steps: int, carries: bool = True, results: bool = True) -> Run:
+        """Run M paths from carry (M, c). A row array is (N, a) for all paths, (M, N, a) for each its own, or (a,) for every step."""
+        now = np.array(carry, dtype=float, order="C")
+        inputs = [np.ascontiguousarray(row, dtype=float) for row in rows]
+        paths = len(now)
+        every = np.empty((paths, steps, now.shape[1])) if carries else None
+        found = tuple(np.empty((paths, steps, width)) for width in self.widths) if results else ()
+        if paths and steps:
+            with self._lock:
+                entry = self._entry(paths * steps)
+                walk = self._walk if entry is None else self._walk_compiled
+                walk(now, inputs, steps, every, found)
+        return Run(now, np.empty((paths, 0, now.shape[1])) if every is None else every, found)
+
+    # ---------------------------------------------------------------- virtual machine
+
+    def _walk(self, carry: np.ndarray, rows: list[np.ndarray], steps: int, every: np.ndarray | None, found: tuple[np.ndarray, ...]) -> None:
+        scratch = np.empty((min(steps, _LONGEST), carry.shape[1])) if every is None else None
+        tiled = [np.tile(row, (min(steps, _LONGEST), 1)) if row.ndim == 1 else row for row in rows]
+        for m, now in enumerate(carry):
+            own = [row[m] if row.ndim == 3 else row for row in tiled]
+            first = 0
+            while first < steps:
+                length = min(_LONGEST, 1 << ((steps - first).bit_length() - 1))
+                last = first + length
+                inputs = [own[i][:length] if rows[i].ndim == 1 else own[i][first:last] for i in range(len(rows))]
+                passed = every[m, first:last] if every is not None else scratch[:length]  # pyright: ignore[reportOptionalSubscript]
+                self._stretch(length, now, inputs, passed, [result[m, first:last] for result in found])
+                now[:] = passed[-1]
+                first = last
+
+    def _stretch(self, length: int, carry: np.ndarray, rows: list[np.ndarray], carries: np.ndarray, results: list[np.ndarray]) -> None:
+        key = length, bool(results)  # a buffer never forgets an address: results that are not wanted need one of their own
+        if key not in self._stretches:
+            self._stretches[key] = self._function.mapaccum(length).buffer()
+        buffer, evaluate = self._stretches[key]
+        for i, values in enumerate([carry, *rows]):
+            buffer.set_arg(i, memoryview(values))  # pyright: ignore
+        for i, values in enumerate([carries, *results]):
+            buffer.set_res(i, memoryview(values))  # pyright: ignore
+        evaluate()
+
+    # ---------------------------------------------------------------- machine code
+
+    def _entry(self, steps: int) -> Any:  # noqa: ANN401  # a C function
+        """Return the compiled loop if there is one, or if it is time for one."""
+        if self._wish == "never":
+            return None
+        before, self._done = self._done, self._done + steps
+        if self._compiled is None:
+            worth = self._wish == "at once" or self._done >= _COMPILE
+            if worth or before < _LOAD <= self._done:
+                self._compiled = self._load(only_kept=not worth)
+        return None if self._compiled is None else self._compiled.entry
+
+    def _load(self, only_kept: bool) -> machine.Compiled | None:
+        if self.instructions > machine.LONGEST:
+            return machine.Compiled(None, f"{self.instructions} operations are too many for a compiler (at most {machine.LONGEST})")
+        function, count = self._function, max(1, self._function.size1_in(0))
+        driver = _DRIVER.format(
+            name=function.name(),
+            widths=", ".join(map(str, self.widths)) or "0",
+            rows=function.n_in() - 1,
+            results=len(self.widths),
+            c=function.size1_in(0),
+            carried=count,
+            **{size: max(1, getattr(function, size)()) for size in ("sz_arg", "sz_res", "sz_iw", "sz_w")},
+        )
+        return machine.load(machine.source_of(function, driver), f"{function.name()}_scan", only_kept=only_kept)
+
+    def _walk_compiled(
+        self, carry: np.ndarray, rows: list[np.ndarray], steps: int, every: np.ndarray | None, found: tuple[np.ndarray, ...]
+    ) -> None:
+        widths = [row.shape[-1] for row in rows]
+        leaps = [steps * width if row.ndim == 3 else 0 for row, width in zip(rows, widths, strict=True)]
+        strides = [0 if row.ndim == 1 else width for row, width in zip(rows, widths, strict=True)]
+        counts, addresses = ctypes.c_longlong * len(rows), ctypes.c_void_p * len(rows)
+        self._compiled.entry(  # pyright: ignore[reportOptionalMemberAccess]
+            len(carry),
+            steps,
+            _address(carry),
+            None if every is None else _address(every),
+            addresses(*map(_address, rows)),
+            counts(*leaps),
+            counts(*strides),
+            (ctypes.c_void_p * len(self.widths))(*map(_address, found)),
+        )
+
+
+def _address(values: np.ndarray) -> int | None:
+    return values.ctypes.data if values.size else None

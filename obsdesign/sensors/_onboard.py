@@ -1,0 +1,39 @@
+"""What sensors share that need nothing outside the vehicle."""
+
+from __future__ import annotations
+
+from abc import ABC
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from obsdesign.checks import require_positive
+from obsdesign.sensors.abstract import AbstractSensor
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+
+@dataclass(frozen=True)
+class AbstractOnboard(AbstractSensor, ABC):
+    """A sensor that reads the same everywhere; sigma: standard deviation of one sample of each output, in its unit."""
+
+    sigma: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_positive(f"{self.name}: sigma", self.sigma)
+
+    @property
+    def landmark(self) -> None:
+        return None
+
+    def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        import casadi as ca
+
+        return ca.SX(self.sigma)
+
+    def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        import casadi as ca
+
+        return ca.SX(1)

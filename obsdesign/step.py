@@ -1,0 +1,173 @@
+"""One step of a system as a graph: state, sensitivity, and what a sample of each sensor says. All that walks along a path is made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.calculus import rk4
+from obsdesign.checks import whole_multiple
+from obsdesign.errors import InputError
+from obsdesign.model import Model
+
+CACHED = 64  # functions kept of each kind
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One RK4 step with inputs held: x_next (n, 1), F = dx_next/dx (n, n), B_w = dx_next/dw (n, p), sparse, of x, u and w."""
+
+    x: ca.SX
+    u: ca.SX
+    w: ca.SX
+    x_next: ca.SX
+    F: ca.SX
+    B_w: ca.SX
+
+    def without_disturbance(self) -> Step:
+        """Return the step at w = 0, with its derivative to w there."""
+        if not self.w.numel():
+            return self
+        zero = ca.SX.zeros(self.w.numel())
+        x_next, F, B_w = (ca.substitute(value, self.w, zero) for value in (self.x_next, self.F, self.B_w))
+        return Step(self.x, self.u, self.w, x_next, F, B_w)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Phi = dx(t_k)/dx(t_0) (n, n) with its structure: `free` (c, 1) are the entries that no step leaves at 0 or 1.
+
+    next (c, 1): the same entries one step later; index (c,): where they stand in Phi, counted by rows.
+    """
+
+    Phi: ca.SX
+    free: ca.SX
+    next: ca.SX
+    index: np.ndarray
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """The free entries (c,) of the identity."""
+        return self._identity[self.index]
+
+    def full(self, values: np.ndarray) -> np.ndarray:
+        """Return Phi (..., n, n) for values (..., c) of the free entries."""
+        n = self.Phi.shape[0]
+        matrix = np.empty((*values.shape[:-1], n * n))
+        matrix[...] = self._identity
+        matrix[..., self.index] = values
+        return matrix.reshape(*values.shape[:-1], n, n)
+
+    @cached_property
+    def _identity(self) -> np.ndarray:
+        return np.eye(self.Phi.shape[0]).ravel()
+
+
+@lru_cache(CACHED)
+def step_of(model: Model, step: float) -> Step:
+    """Return one step of `step` seconds."""
+    u, w = ca.SX.sym("u", len(model.inputs)), ca.SX.sym("w", len(model.unknown_inputs))
+    rate = ca.Function("rate", [model.x, u, w], [model.drift + model.B @ u + model.G @ w])
+    x_next = ca.cse(ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, step)))
+    return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
+
+
+@lru_cache(CACHED)
+def sensitivity_of(model: Model, step: float) -> Sensitivity:
+    """Return Phi at w = 0: what each step of `step` seconds makes of it.
+
+    Begins with all entries of the identity as constants and frees those that F Phi does not leave as they are, until all do.
+    """
+    F = step_of(model, step).without_disturbance().F
+    n = F.shape[0]
+    kept = np.ones((n, n), dtype=bool)
+    while True:
+        free = ca.SX.sym("Phi", int((~kept).sum()))
+        index = np.flatnonzero(~kept)
+        Phi = ca.SX(ca.sparsify(ca.DM(np.eye(n) * kept)))
+        for symbol, (i, j) in zip(ca.vertsplit(free), np.argwhere(~kept), strict=True):
+            Phi[i, j] = symbol
+        following = F @ Phi
+        moved = np.array([[kept[i, j] and not _is(following[i, j], float(i == j)) for j in range(n)] for i in range(n)])
+        if not moved.any():
+            return Sensitivity(Phi, free, _entries(following, index), index)
+        kept &= ~moved
+
+
+def _is(expression: ca.SX, value: float) -> bool:
+    return expression.is_constant() and float(expression) == value
+
+
+def _entries(matrix: ca.SX, index: np.ndarray) -> ca.SX:
+    n = matrix.shape[1]
+    return ca.vertcat(*[matrix[int(i) // n, int(i) % n] for i in index])
+
+
+@lru_cache(CACHED)
+def sample_rows(model: Model, weighted: bool = True) -> tuple[ca.SX, ...]:
+    """Return for each sensor (gate / R)^1/2 dh/dx (q, n) of the state: the root of what one sample says; R = gate = 1 if not weighted."""
+    rows = []
+    for channel in model.channels:
+        root = ca.sqrt(channel.noise.gate / channel.noise.variance) if weighted else ca.SX(1)
+        rows.append(root * ca.jacobian(channel.h, model.x))
+    return tuple(rows)
+
+
+def blocks_of(model: Model, Phi: ca.SX, weighted: bool = True) -> list[ca.SX]:
+    """Return Phi' C_s' R_s^-1 C_s Phi (n, n) for each sensor s, sparse."""
+    seen = [rows @ Phi for rows in sample_rows(model, weighted)]
+    return [rows.T @ rows for rows in seen]
+
+
+def dense_blocks(blocks: list[ca.SX]) -> ca.SX:
+    """Return all entries of symmetric blocks as one column (S n n, 1), for an array (S, n, n)."""
+    return ca.densify(ca.vertcat(*[ca.vec(block) for block in blocks]))
+
+
+@lru_cache(CACHED)
+def steps_per_sample(model: Model, step: float) -> tuple[int, ...]:
+    """Return for each sensor the number of steps between samples; raise InputError where that is not whole."""
+    counts = []
+    for channel in model.channels:
+        count = 1 if channel.rate is None else whole_multiple(1 / channel.rate, step)
+        if count is None:
+            raise InputError(
+                f"{channel.name}: rate {channel.rate} Hz is a period of {1 / (channel.rate or 1):g} s,"
+                f" which is no whole multiple of the step {step:g} s"
+            )
+        counts.append(count)
+    return tuple(counts)
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """The entries of symmetric blocks that are not 0 for their structure: sensors, rows >= columns, each (b,), of (S, n, n)."""
+
+    sensors: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    shape: tuple[int, int, int]
+
+    def column(self, blocks: list[ca.SX]) -> ca.SX:
+        """Return the entries (b, 1) of blocks (n, n)."""
+        places = zip(self.sensors, self.rows, self.columns, strict=True)
+        return ca.vertcat(*[blocks[int(s)][int(i), int(j)] for s, i, j in places]) if len(self.rows) else ca.SX(0, 1)
+
+    def full(self, values: np.ndarray) -> np.ndarray:
+        """Return blocks (..., S, n, n) of entries (..., b)."""
+        blocks = np.zeros((*values.shape[:-1], *self.shape))
+        blocks[..., self.sensors, self.rows, self.columns] = values
+        blocks[..., self.sensors, self.columns, self.rows] = values
+        return blocks
+
+
+def packing_of(blocks: list[ca.SX]) -> Packing:
+    """Return where the blocks have entries."""
+    places = [
+        (s, i, j) for s, block in enumerate(blocks) for j in range(block.shape[0]) for i in range(j, block.shape[0]) if block.has_nz(i, j)
+    ]
+    found = np.array(places, dtype=int).reshape(-1, 3)
+    return Packing(found[:, 0], found[:, 1], found[:, 2], (len(blocks), *blocks[0].shape))
