@@ -10,7 +10,7 @@ from multiprocessing import get_context
 import numpy as np
 
 import obsdesign as od
-from benchmarks.scene import START, STEP, UNICYCLE, controls
+from benchmarks.scene import START, STEP, controls, unicycle
 from benchmarks.tables import table
 from benchmarks.timing import MODES, Subject, mode, ratios, timed
 
@@ -39,12 +39,12 @@ def batches() -> list[str]:
 
 
 def _batch_row(name: str, starts: np.ndarray) -> tuple:
-    around = partial(mode, name)
+    system, around = unicycle(name), partial(mode, name)
     with mode(name), ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         times = timed(
             {
-                "one": Subject(lambda: od.batch_information(UNICYCLE, starts, controls(100), STEP), around),
-                "two": Subject(lambda: od.batch_information(UNICYCLE, starts, controls(100), STEP, executor=pool), around),
+                "one": Subject(lambda: od.batch_information(system, starts, controls(100), STEP), around),
+                "two": Subject(lambda: od.batch_information(system, starts, controls(100), STEP, executor=pool), around),
                 "burn one": Subject(lambda: [burn(BURN // 2), burn(BURN // 2)]),
                 "burn two": Subject(partial(_burn_both, pool)),
             },

@@ -12,10 +12,11 @@ import casadi as ca
 import numpy as np
 
 import obsdesign as od
-from benchmarks.scene import START, STEP, UNICYCLE, flown
+from benchmarks.scene import START, STEP, flown, unicycle
 from benchmarks.tables import exponent, peak_memory, table
 from benchmarks.timing import MODES, Times, in_modes, mode, timed
 from obsdesign.information.gramian import transported
+from obsdesign.model import AbstractSystem
 
 STEPS = (1_000, 10_000, 100_000, 1_000_000)
 SENSORS = (1, 4, 16, 64)
@@ -27,9 +28,9 @@ SPEED = 10.0
 def growth() -> list[str]:
     """Time over steps, sensors and states, in both ways to run a loop."""
     rows = [
-        *_series("steps", STEPS, [_along(UNICYCLE, flown(steps)) for steps in STEPS], [UNICYCLE] * len(STEPS)),
-        *_grown("sensors", SENSORS, map(with_ranges, SENSORS)),
-        *_grown("states", STATES, map(with_states, STATES)),
+        *_series("steps", STEPS, lambda _, loops: unicycle(loops), flown),
+        *_series("sensors", SENSORS, with_ranges, lambda count: _turning(with_ranges(count))),
+        *_series("states", STATES, with_states, lambda n: _turning(with_states(n))),
     ]
     header = ("what grows", "loops", "sizes", "p", "p, best", "ms", "best ms", "operations per step")
     peaks = ", ".join(_memory(name) for name in MODES)
@@ -54,19 +55,18 @@ def beacons(count: int) -> list[tuple[float, float]]:
     return [(float(300 * np.cos(angle)), float(300 * np.sin(angle))) for angle in angles]
 
 
-def with_ranges(count: int) -> od.System:
-    """Return a Dubins vehicle in wind with `count` ranges."""
-    return od.System(od.Dubins(SPEED, wind="constant"), tuple(od.Range(place, 1.0) for place in beacons(count)))
+def with_ranges(count: int, loops: str = "", wind: bool = True) -> AbstractSystem:
+    """Return a Dubins vehicle with `count` ranges; `loops` as in `scene.sensors`."""
+    ranges = tuple(od.Range(place, 1.0, name=f"range {loops}".strip()) for place in beacons(count))
+    return od.System(od.Dubins(SPEED, wind="constant" if wind else None), ranges)
 
 
-def with_states(n: int) -> od.System | od.ControlAffineSystem:
+def with_states(n: int, loops: str = "") -> AbstractSystem:
     """Return a system of n states with four ranges."""
-    if n > 5:
-        return trailers(n - 3)
-    return od.System(od.Dubins(SPEED, wind="constant" if n == 5 else None), tuple(od.Range(place, 1.0) for place in beacons(4)))
+    return trailers(n - 3, loops) if n > 5 else with_ranges(4, loops, wind=n == 5)
 
 
-def trailers(count: int, length: float = 5.0) -> od.ControlAffineSystem:
+def trailers(count: int, loops: str = "", length: float = 5.0) -> AbstractSystem:
     """Return a tractor with trailers, each one's heading a state; the last one's axle has four ranges to beacons."""
     x = ca.SX.sym("x", 3 + count)
     headings = ca.vertsplit(x)[2:]
@@ -77,7 +77,7 @@ def trailers(count: int, length: float = 5.0) -> od.ControlAffineSystem:
         place = place - length * ca.vertcat(ca.cos(heading), ca.sin(heading))
     drift = ca.vertcat(SPEED * ca.cos(x[2]), SPEED * ca.sin(x[2]), 0, *rates)
     names = ("x", "y", "heading", *(f"trailer_{i}" for i in range(count)))
-    outputs = {f"range_{i}": ca.norm_2(ca.vertcat(*beacon) - place) for i, beacon in enumerate(beacons(4))}
+    outputs = {f"range {i} {loops}": ca.norm_2(ca.vertcat(*beacon) - place) for i, beacon in enumerate(beacons(4))}
     turn = ca.SX([0, 0, 1, *[0] * count])
     return od.ControlAffineSystem(x, names, drift, {"turn_rate": turn}, outputs=outputs, angles=names[2:])
 
@@ -85,31 +85,28 @@ def trailers(count: int, length: float = 5.0) -> od.ControlAffineSystem:
 # ---------------------------------------------------------------- series
 
 
-def _grown(what: str, sizes: tuple[int, ...], systems: Iterable[od.System | od.ControlAffineSystem]) -> list[tuple]:
-    every = list(systems)
-    return _series(what, sizes, [_along(system, _turning(system)) for system in every], every)
-
-
-def _turning(system: od.System | od.ControlAffineSystem, steps: int = SEGMENT) -> od.Trajectory:
+def _turning(system: AbstractSystem, steps: int = SEGMENT) -> od.Trajectory:
     n = len(system.model.states)
     start = START if n == 5 else np.array([3.0, -1.0, *[0.4] * (n - 2)])
     return od.simulate(system, start, 0.3 * np.cos(0.07 * np.arange(steps)), STEP)
 
 
-def _along(system: od.System | od.ControlAffineSystem, path: od.Trajectory) -> Callable[[], object]:
+def _along(system: AbstractSystem, path: od.Trajectory) -> Callable[[], object]:
     if path.steps >= 10_000:
         return partial(od.segment_information, system, path, path.steps // SEGMENT)
     return partial(od.variational_gramian, system, path)
 
 
 def _series(
-    what: str, sizes: tuple[int, ...], calls: list[Callable[[], object]], systems: list[od.System | od.ControlAffineSystem]
+    what: str, sizes: tuple[int, ...], system_of: Callable[[int, str], AbstractSystem], path_of: Callable[[int], od.Trajectory]
 ) -> list[tuple]:
     times: dict[str, list[Times]] = {name: [] for name in MODES}
-    for call in calls:
-        for name, each in timed(in_modes(call), rounds=3).items():
+    operations = []
+    for size in sizes:
+        path = path_of(size)
+        for name, each in timed(in_modes(lambda loops, size=size, path=path: _along(system_of(size, loops), path)), rounds=3).items():
             times[name].append(each)
-    operations = [transported(system.model, STEP, True).instructions for system in systems]
+        operations.append(transported(system_of(size, "").model, STEP, True).instructions)
     return [_row(what, name, sizes, times[name], operations) for name in MODES]
 
 
@@ -142,7 +139,7 @@ def main(verb: str) -> None:
     """Print the peak memory [MB] of this process after a path of 10^6 steps, or after its information by segment."""
     path = flown(STEPS[-1])
     if verb == "segments":
-        od.segment_information(UNICYCLE, path, path.steps // SEGMENT)
+        od.segment_information(unicycle(), path, path.steps // SEGMENT)
     sys.stdout.write(f"{peak_memory():.0f}\n")
 
 

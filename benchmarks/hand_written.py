@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import obsdesign as od
-from benchmarks.scene import BEACON, SIGMAS, STEP, UNICYCLE, flown
+from benchmarks.scene import BEACON, SIGMAS, STEP, flown, unicycle
 from benchmarks.tables import table
 from benchmarks.timing import Subject, apart, in_modes, judged, ratios, timed
 from obsdesign.information.gramian import transported
@@ -50,11 +50,15 @@ def _alive(call: Callable[[], object], *_arrays: np.ndarray) -> object:
     return call()
 
 
-def _blocks(path: od.Trajectory) -> np.ndarray:
-    """The bare loop: blocks (N, S, n, n) from a path that is taken to be right."""
-    start = sensitivity_of(UNICYCLE.model, path.step).start
-    run = transported(UNICYCLE.model, path.step, True).run(start[None], [path.x[:-1], path.u], path.steps, carries=False)
+def _bare(system: od.System, path: od.Trajectory) -> np.ndarray:
+    """Blocks (N, S, n, n) from a path that is taken to be right."""
+    start = sensitivity_of(system.model, path.step).start
+    run = transported(system.model, path.step, True).run(start[None], [path.x[:-1], path.u], path.steps, carries=False)
     return run.results[0].reshape(path.steps, -1, 5, 5)
+
+
+def _public(system: od.System, path: od.Trajectory) -> np.ndarray:
+    return od.variational_gramian(system, path).blocks
 
 
 def against_c() -> list[str]:
@@ -75,9 +79,10 @@ def against_c() -> list[str]:
 def _rows(library: ctypes.CDLL, steps: int) -> list[tuple]:
     path = flown(steps)
     calls = {name: bound(library, name, path) for name in NAMES}
-    ours = {"bare loop": partial(_blocks, path), "variational_gramian": lambda: od.variational_gramian(UNICYCLE, path).blocks}
     subjects = {name: Subject(call) for name, (call, _) in calls.items()}
-    subjects |= {f"{what}, {name}": subject for what, call in ours.items() for name, subject in in_modes(call).items()}
+    for what, call in {"bare loop": _bare, "variational_gramian": _public}.items():
+        for name, subject in in_modes(lambda loops, call=call: partial(call, unicycle(loops), path)).items():
+            subjects[f"{what}, {name}"] = subject
     times = timed(subjects)
     reference = calls["C"][1]
     found = {name: blocks for name, (_, blocks) in calls.items()}
@@ -85,7 +90,7 @@ def _rows(library: ctypes.CDLL, steps: int) -> list[tuple]:
     rows = []
     for name, spent in times.items():
         with subjects[name].around():
-            blocks = found[name] if name in found else subjects[name].call()
+            blocks = np.asarray(found[name] if name in found else subjects[name].call())
         quotients = [value for other in calls for value in ratios(spent, times[other])]
         per_step = [1e9 * value / steps for value in (spent.median, spent.best)]
         rows.append((steps, name, *quotients, *per_step, judged(apart(blocks, reference, whole), 1e-12)))

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 import obsdesign as od
-from benchmarks.scene import BEACON, SIGMAS, START, STEP, UNICYCLE, controls
+from benchmarks.scene import BEACON, SIGMAS, START, STEP, controls, unicycle
 from benchmarks.timing import Subject
 
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
@@ -25,7 +25,7 @@ with warnings.catch_warnings():
     import pybounds
     from jax.experimental.compilation_cache import compilation_cache
 
-STATES = list(UNICYCLE.model.state_names)
+STATES = list(unicycle().model.state_names)
 OUTPUTS = {"gps_x": "gps", "gps_y": "gps", "magnetometer": "magnetometer", "range": "range", "bearing": "bearing"}
 NAMES = {"state_names": STATES, "input_names": ["speed", "turn_rate"], "measurement_names": list(OUTPUTS)}
 VARIANCES = {name: SIGMAS[sensor] ** 2 for name, sensor in OUTPUTS.items()}

@@ -50,9 +50,9 @@ def mode(name: str) -> Iterator[None]:
             os.environ[_SWITCH] = before
 
 
-def in_modes(call: Callable[[], object]) -> dict[str, Subject]:
-    """Return the same call in each of the MODES."""
-    return {name: Subject(call, partial(mode, name)) for name in MODES}
+def in_modes(make: Callable[[str], Callable[[], object]]) -> dict[str, Subject]:
+    """Return a call for each of the MODES: each needs systems of its own, as how a system's loops run is settled when they are built."""
+    return {name: Subject(make(name), partial(mode, name)) for name in MODES}
 
 
 def timed(subjects: Mapping[str, Subject], rounds: int = 5, budget: float = 0.1) -> dict[str, Times]:

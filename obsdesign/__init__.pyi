@@ -17,6 +17,8 @@ from .errors import ObsdesignError as ObsdesignError
 from .errors import ScenarioError as ScenarioError
 from .errors import SolveError as SolveError
 from .errors import UnobservableError as UnobservableError
+from .information.differences import Perturbation as Perturbation
+from .information.differences import perturbation as perturbation
 from .information.gradient import information_gradient as information_gradient
 from .information.gradient import information_value as information_value
 from .information.gramian import empirical_gramian as empirical_gramian
@@ -25,6 +27,8 @@ from .information.posterior import posterior_information as posterior_informatio
 from .information.posterior import unknown_input_information as unknown_input_information
 from .information.record import Information as Information
 from .information.record import standard_deviations as standard_deviations
+from .information.shares import Contributions as Contributions
+from .information.shares import contributions as contributions
 from .information.totals import batch_information as batch_information
 from .information.totals import segment_information as segment_information
 from .information.windows import sliding_information as sliding_information

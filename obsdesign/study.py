@@ -17,6 +17,7 @@ from obsdesign.design.shaping import design_trajectory
 from obsdesign.design.weave import Weave, best_weave
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.record import Information, standard_deviations
+from obsdesign.information.shares import Contributions, contributions
 from obsdesign.scenario.schema import Scenario
 from obsdesign.selection.naive import always, at_random, round_robin
 from obsdesign.selection.relaxation import select_sensors
@@ -44,25 +45,31 @@ class Analysis:
 class Quality:
     """How well one suite of sensors sees the start state along one path, without a prior.
 
-    value: the criterion of S W S; eigenvalues (n,) of S W S, ascending; std (n,): Cramer-Rao bound per state in its unit,
-    inf for a state that stays hidden; weakest (n,): unit eigenvector of the smallest eigenvalue, in scaled states.
+    value: the criterion of S W S; eigenvalues (n,) of S W S, ascending, and vectors (n, n), its unit eigenvectors in columns, in
+    scaled states; std (n,): Cramer-Rao bound per state in its unit, inf for a state that stays hidden.
     """
 
     sensors: tuple[str, ...]
     value: float
     eigenvalues: np.ndarray
     std: np.ndarray
-    weakest: np.ndarray
+    vectors: np.ndarray
+
+    @property
+    def weakest(self) -> np.ndarray:
+        """Unit eigenvector (n,) of the smallest eigenvalue: what is known least."""
+        return self.vectors[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A path, its quality for each suite (all sensors first), and whether it satisfies the constraints of the design."""
+    """A path, its quality for each suite (all sensors first), who says what, and whether it satisfies the design's constraints."""
 
     name: str
     path: Trajectory
     information: Information
     qualities: tuple[Quality, ...]
+    contributions: Contributions
     feasible: bool
 
 
@@ -207,7 +214,7 @@ def rate(problem: DesignProblem, path: Trajectory, information: Information, sen
     """Return the quality of a path for the suite of sensors that the problem is about."""
     W = information.only(*sensors).total
     eigenvalues, vectors = np.linalg.eigh(problem.scaled(W))
-    return Quality(sensors, problem.value(path), eigenvalues, standard_deviations(W), vectors[:, 0])
+    return Quality(sensors, problem.value(path), eigenvalues, standard_deviations(W), vectors)
 
 
 def _problem(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
@@ -248,7 +255,8 @@ def _candidates(
 def _candidate(scenario: Scenario, problems: tuple[DesignProblem, ...], name: str, path: Trajectory) -> Candidate:
     information = variational_gramian(problems[0].system, path)
     qualities = tuple(rate(problem, path, information, suite) for problem, suite in zip(problems, suites_of(scenario), strict=True))
-    return Candidate(name, path, information, qualities, problems[0].is_feasible(path.x))
+    said = contributions(problems[0].system, information, scenario.segments, problems[0].units)
+    return Candidate(name, path, information, qualities, said, problems[0].is_feasible(path.x))
 
 
 def _checks(

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from obsdesign.report import facts
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
 from obsdesign.study import Study
+
+MENTIONED = 0.2  # components of a direction smaller than this go without saying
 
 
 def on_the_map(study: Study) -> str:
@@ -25,6 +29,19 @@ def on_the_spectrum(study: Study) -> str:
     zero = any(facts.cleaned(quality)[0] == 0 for candidate in study.candidates for quality in candidate.qualities)
     tail = " A hollow dot is 0 to double precision, drawn at the floor: a combination of states that stays hidden." if zero else ""
     return f"The large dot of each path is what is known of the combination of states that is known least: higher is better.{tail}"
+
+
+def on_the_eigenvectors(study: Study) -> str:
+    """Say how the panels are read, and what the first column of the straight path hides."""
+    quality = study.candidate(facts.STRAIGHT).qualities[-1]
+    parts = [study.scenario.state_names[i] for i in np.argsort(-np.abs(quality.weakest)) if abs(quality.weakest[i]) >= MENTIONED]
+    who = facts.sensors_in_words(study, quality.sensors)
+    known = "hidden from" if facts.cleaned(quality)[0] == 0 else "known least to"
+    mixture = f"{parts[0]} alone" if len(parts) == 1 else f"{', '.join(parts[:-1])} against {parts[-1]}"
+    return (
+        "Each column is a combination of scaled states, its squares adding up to 1, that is known as well as the number below it says. "
+        f"Flying straight, {mixture} is what is {known} {who}."
+    )
 
 
 def on_the_inputs(study: Study) -> str:

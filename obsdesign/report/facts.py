@@ -87,11 +87,7 @@ def outside_share(study: Study, quality: Quality, cap: Cap) -> float:
 
 def segment_shares(study: Study) -> np.ndarray:
     """v' W_k v / lambda_min (K,): what each segment of the designed path adds in its weakest direction v, all sensors on."""
-    candidate = study.candidate(DESIGNED)
-    v = candidate.qualities[0].weakest
-    blocks = study.designs[0].problem.scaled(candidate.information.by_segment(study.scenario.segments))
-    gathered = np.einsum("i,ksij,j->k", v, blocks, v)
-    return gathered / gathered.sum()
+    return study.candidate(DESIGNED).contributions.weakest_shares.sum(axis=1)
 
 
 def position_covariances(study: Study) -> np.ndarray:

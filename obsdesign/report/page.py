@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 from obsdesign.report import captions, facts, tables, wording
 from obsdesign.report.figures.consistency import consistency_figure
+from obsdesign.report.figures.eigenvectors import eigenvectors_figure
 from obsdesign.report.figures.errors import errors_figure
 from obsdesign.report.figures.inputs import inputs_figure
 from obsdesign.report.figures.path import path_figure
@@ -102,12 +103,15 @@ def _how(study: Study) -> Part:
     pictures = (
         Picture(path_figure(study), captions.on_the_map(study)),
         Picture(spectrum_figure(study), captions.on_the_spectrum(study)),
+        Picture(eigenvectors_figure(study), captions.on_the_eigenvectors(study)),
         Picture(inputs_figure(study), captions.on_the_inputs(study)),
     )
     shown = tuple(picture for picture in pictures if picture.svg)
     starts = tuple(tables.starts_table(study, i) for i in range(len(study.suites)))
     notes = (*wording.caps(study), wording.weave_in_words(study))
-    return Part("how", "2 How?", wording.flown(study), shown, (tables.paths_table(study), *starts), notes)
+    return Part(
+        "how", "2 How?", wording.flown(study), shown, (tables.paths_table(study), tables.contributions_table(study), *starts), notes
+    )
 
 
 def _which(study: Study) -> Part:

@@ -12,11 +12,12 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 import obsdesign
 from obsdesign.design.problem import Design
+from obsdesign.information.shares import Contributions
 from obsdesign.report.expectations import Expectation, expectations
 from obsdesign.study import Analysis, Candidate, Quality, Selection, Study
 from obsdesign.validation import Validation
 
-SCHEMA_VERSION = "1.0"
+SCHEMA_VERSION = "1.1"
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
 
 
@@ -66,11 +67,20 @@ class QualityPart(_Part):
     std: list[Number] = Field(description="Cramer-Rao standard deviation per state in its unit; null: hidden")
 
 
+class ContributionPart(_Part):
+    """Who says what is known of one component of the start state."""
+
+    std: Number = Field(description="Cramer-Rao standard deviation in the state's unit; null: hidden")
+    by_sensor: dict[str, Number] = Field(description="share of each sensor, adding up to 1; null: hidden")
+    in_words: str
+
+
 class PathPart(_Part):
     """A path and its quality for each suite of sensors."""
 
     feasible: bool = Field(description="whether it satisfies every constraint of the design")
     quality: dict[str, QualityPart]
+    contributions: dict[str, ContributionPart] = Field(description="by state; all sensors on")
 
 
 class StartPart(_Part):
@@ -233,7 +243,19 @@ def _path(study: Study, candidate: Candidate) -> PathPart:
     return PathPart(
         feasible=candidate.feasible,
         quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
+        contributions=_contributions(candidate.contributions),
     )
+
+
+def _contributions(found: Contributions) -> dict[str, ContributionPart]:
+    return {
+        state.name: ContributionPart(
+            std=float(found.std[i]),
+            by_sensor=dict(zip(found.sensors, found.shares[i].sum(axis=0).tolist(), strict=True)),
+            in_words=found.sentences[i],
+        )
+        for i, state in enumerate(found.states)
+    }
 
 
 def _quality(quality: Quality) -> QualityPart:

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from obsdesign.analysis.verdict import Verdict
+from obsdesign.information.shares import shortest_bulk
 from obsdesign.report import facts
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.rounding import MINUS, NARROW, label, plain, polished, readable, rounded
@@ -16,6 +17,7 @@ from obsdesign.signals import Signal
 from obsdesign.study import Analysis, Candidate, Check, Quality, Study
 from obsdesign.validation import CONSISTENT_SHARE
 
+DASH = "–"
 Tone = Literal["", "good", "bad"]
 
 
@@ -90,6 +92,41 @@ def paths_table(study: Study) -> Table:
         ("path", "sensors", *values, *states, "meets the limits", *cap),
         rows,
     )
+
+
+def contributions_table(study: Study) -> Table:
+    """Which sensor says how much about each state along the designed path, and where most of it comes from."""
+    found = study.candidate(facts.DESIGNED).contributions
+    rows = [
+        (
+            Cell(label(signal)),
+            _deviation(found.std[i], signal),
+            *(_percentage(share) for share in found.shares[i].sum(axis=0)),
+            Cell(_most(study, found.shares[i])),
+        )
+        for i, signal in enumerate(facts.states_of(study))
+    ]
+    weakest = (Cell("weakest combination"), Cell(DASH), *map(_percentage, found.weakest_shares.sum(axis=0)))
+    return Table(
+        "Who says what on the designed path, all sensors on",
+        "Good: small standard deviations that do not hang on one sensor. Known to: the Cramér-Rao bound on the start state; the shares of "
+        "the sensors in what is known add up to 100; most of it: the shortest stretch that holds 70 % of the largest share.",
+        ("state", "known to", *(f"{name} [%]" for name in found.sensors), "most of it"),
+        (*rows, (*weakest, Cell(_most(study, found.weakest_shares)))),
+    )
+
+
+def _percentage(share: float) -> Cell:
+    return Cell(DASH if np.isnan(share) else plain(round(100 * share)))
+
+
+def _most(study: Study, shares: np.ndarray) -> str:
+    if np.isnan(shares).any():
+        return "nothing says anything"
+    sensor, first, last = shortest_bulk(shares)
+    length = study.scenario.time.segment
+    share, name = shares[first : last + 1, sensor].sum(), study.scenario.sensor_names[sensor]
+    return f"{plain(round(100 * share))}{NARROW}% by {name} at {plain(first * length)}–{plain((last + 1) * length)}{NARROW}s"
 
 
 def starts_table(study: Study, suite: int) -> Table:
