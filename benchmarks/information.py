@@ -66,7 +66,7 @@ def against_pybounds(folder: Path) -> list[str]:
         rows.append((name, *_against(times, name), *times[name].milliseconds, difference))
     return [
         f"Unicycle in constant wind, 5 states, 4 sensors, 100 steps of 0.1 s, from the controls to W. pybounds {version('pybounds')}, jax",
-        f"{version('jax')}; pybounds has JAX compile anew at every call, in the last row from a folder of what was compiled before. Bars, against",
+        f"{version('jax')}. pybounds makes JAX compile at every call; in the last row JAX finds all of it in a folder. Bars, against",
         "differences: >= 2,500 as machine code, >= 1,000 in the virtual machine.",
         "",
         table(("pybounds", *_ratio_header(), "ms", "best ms", "difference of W"), rows),

@@ -30,8 +30,8 @@ def all_finite(values: np.ndarray) -> bool:
     """Return whether no entry is inf or nan."""
     import numpy as np
 
-    # the sum of squares is a tenth of the time, and says no only where it overflows itself
-    return math.isfinite(np.vdot(values, values)) or bool(np.isfinite(values).all())
+    # the sum takes a third of the time, and says no only where it overflows itself
+    return math.isfinite(np.add.reduce(values, axis=None)) or bool(np.isfinite(values).all())
 
 
 def as_pair(what: str, values: Any) -> tuple[float, float]:  # noqa: ANN401  # whatever a caller took for a pair

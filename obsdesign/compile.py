@@ -18,9 +18,9 @@ from typing import Any, Literal
 import casadi as ca
 import platformdirs
 
-FLAGS = ("-O2", "-shared", "-fPIC", "-ffp-contract=off")  # no fused multiply-add: the virtual machine has none, the numbers are the same
+FLAGS = ("-shared", "-fPIC", "-ffp-contract=off")  # no fused multiply-add: the virtual machine has none, the numbers are the same
 SWITCH = "OBSDESIGN_COMPILE"
-LONGEST = 50_000  # instructions: beyond that compilers take minutes
+LONG, LONGEST = 3_000, 30_000  # operations: from the first on compilers optimise less, beyond the second they take too long
 _KEPT = 400  # files in the cache folder; the longest unused go first
 _TIMEOUT = 120.0  # seconds a compiler may take
 
@@ -88,15 +88,19 @@ def source_of(function: ca.Function, driver: str) -> str:
     return f"{generator.dump()}\n{driver}\n"
 
 
-def load(source: str, entry: str, *, only_kept: bool = False) -> Compiled | None:
+def load(source: str, entry: str, operations: int, *, only_kept: bool = False) -> Compiled | None:
     """Return the entry of a source as machine code, from the cache folder or newly compiled; None if only_kept and not there.
 
-    Never raises: what went wrong is the reason. Two processes may do this at once: each writes a file of its own and renames it.
+    operations: how long the source is. Never raises: what went wrong is the reason. Two processes may do this at once: each
+    writes a file of its own and renames it.
     """
     tool = compiler()
     if not tool.path:
         return Compiled(None, tool.reason)
-    key = "\n".join([source, processor(), tool.path, tool.version, *FLAGS])
+    if operations > LONGEST:
+        return Compiled(None, f"{operations} operations are too many for a compiler (at most {LONGEST})")
+    flags = ("-O2" if operations < LONG else "-O1", *FLAGS)
+    key = "\n".join([source, processor(), tool.path, tool.version, *flags])
     target = folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.so"
     try:
         if target.exists():
@@ -104,7 +108,7 @@ def load(source: str, entry: str, *, only_kept: bool = False) -> Compiled | None
         if only_kept:
             return None
         target.parent.mkdir(parents=True, exist_ok=True)
-        _compile(tool.path, source, target)
+        _compile([tool.path, *flags], source, target)
         _forget_unused(target.parent)
         return _loaded(target, entry)
     except (OSError, AttributeError, subprocess.SubprocessError) as error:
@@ -123,12 +127,11 @@ def _loaded(target: Path, entry: str) -> Compiled:
     return Compiled(found, "")
 
 
-def _compile(tool: str, source: str, target: Path) -> None:
+def _compile(command: list[str], source: str, target: Path) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         code, made = Path(scratch) / "step.c", Path(scratch) / "step.so"
         code.write_text(source, encoding="utf-8")
-        command = [tool, *FLAGS, str(code), "-o", str(made), "-lm"]
-        subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT, check=True)
+        subprocess.run([*command, str(code), "-o", str(made), "-lm"], capture_output=True, text=True, timeout=_TIMEOUT, check=True)
         made.replace(target)
 
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from obsdesign import compile as machine
 
-_LOAD = 2_000  # steps after which the cache folder is asked for machine code ...
-_COMPILE = 200_000  # ... and after which a compiler is: its half second is then well spent
+_LOAD = 2_000  # steps after which the cache folder is asked for machine code
+# a compiler is asked when the virtual machine has done as much as it would take: about 0.3 s and 0.6 ms an operation, at 6 ns each
+_WORTH, _WORTH_EACH = 100_000, 50_000_000
 _NAME = "obsdesign_step"  # a name that no library has: "step" is one of the C library, and would be called instead
 _LONGEST = 1024  # steps of the longest stretch that CasADi repeats in one call; a power of two
 
@@ -51,6 +52,14 @@ class Run:
     results: tuple[np.ndarray, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A result that repeats its entries: what is wanted is column[index] (B,), what is computed the column (b, 1)."""
+
+    column: ca.SX
+    index: np.ndarray
+
+
 class Scan:
     """(carry, row_1, ...) -> (carry', result_1, ...), all SX columns, applied to every row of arrays in turn.
 
@@ -58,10 +67,12 @@ class Scan:
     bit, so that nothing depends on when. May be called from several threads.
     """
 
-    def __init__(self, carry: ca.SX, rows: Sequence[ca.SX], carry_next: ca.SX, results: Sequence[ca.SX] = ()) -> None:
-        outputs = ca.cse([ca.densify(carry_next), *map(ca.densify, results)])
+    def __init__(self, carry: ca.SX, rows: Sequence[ca.SX], carry_next: ca.SX, results: Sequence[ca.SX | Spread] = ()) -> None:
+        plain = [each.column if isinstance(each, Spread) else each for each in results]
+        outputs = ca.cse([ca.densify(carry_next), *map(ca.densify, plain)])
         self._function = ca.Function(_NAME, [carry, *rows], outputs)
-        self.widths = tuple(result.numel() for result in results)
+        self._indices = tuple(each.index if isinstance(each, Spread) else None for each in results)
+        self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))
         self._stretches: dict[tuple[int, bool], tuple[ca.FunctionBuffer, Callable[[], None]]] = {}
         self._lock = Lock()
         self._done = 0
@@ -127,9 +138,16 @@ class Scan:
         buffer, evaluate = self._stretches[key]
         for i, values in enumerate([carry, *rows]):
             buffer.set_arg(i, memoryview(values))  # pyright: ignore
-        for i, values in enumerate([carries, *results]):
+        made = [
+            into if index is None else np.empty((length, self._function.size1_out(j + 1)))
+            for j, (into, index) in enumerate(zip(results, self._indices[: len(results)], strict=True))
+        ]
+        for i, values in enumerate([carries, *made]):
             buffer.set_res(i, memoryview(values))  # pyright: ignore
         evaluate()
+        for into, values, index in zip(results, made, self._indices[: len(results)], strict=True):
+            if index is not None:
+                np.take(values, index, axis=1, out=into, mode="clip")  # clip: without a copy
 
     # ---------------------------------------------------------------- machine code
 
@@ -139,25 +157,30 @@ class Scan:
             return None
         before, self._done = self._done, self._done + steps
         if self._compiled is None:
-            worth = self._wish == "at once" or self._done >= _COMPILE
+            worth = self._wish == "at once" or self._done >= _WORTH + _WORTH_EACH / max(1, self.instructions)
             if worth or before < _LOAD <= self._done:
                 self._compiled = self._load(only_kept=not worth)
         return None if self._compiled is None else self._compiled.entry
 
     def _load(self, only_kept: bool) -> machine.Compiled | None:
-        if self.instructions > machine.LONGEST:
-            return machine.Compiled(None, f"{self.instructions} operations are too many for a compiler (at most {machine.LONGEST})")
-        function, count = self._function, max(1, self._function.size1_in(0))
+        function = self._wide()
         driver = _DRIVER.format(
-            name=function.name(),
+            name=_NAME,
             widths=", ".join(map(str, self.widths)) or "0",
             rows=function.n_in() - 1,
             results=len(self.widths),
             c=function.size1_in(0),
-            carried=count,
+            carried=max(1, function.size1_in(0)),
             **{size: max(1, getattr(function, size)()) for size in ("sz_arg", "sz_res", "sz_iw", "sz_w")},
         )
-        return machine.load(machine.source_of(function, driver), f"{function.name()}_scan", only_kept=only_kept)
+        return machine.load(machine.source_of(function, driver), f"{_NAME}_scan", self.instructions, only_kept=only_kept)
+
+    def _wide(self) -> ca.Function:
+        """The same step with every entry of its results written where it is wanted: cheap for a compiler, not for CasADi."""
+        symbols = self._function.sx_in()
+        carry_next, *results = self._function.call(symbols)
+        wide = [each if index is None else each[index.tolist()] for each, index in zip(results, self._indices, strict=True)]
+        return ca.Function(_NAME, symbols, [carry_next, *wide])
 
     def _walk_compiled(
         self, carry: np.ndarray, rows: list[np.ndarray], steps: int, every: np.ndarray | None, found: tuple[np.ndarray, ...]

@@ -12,6 +12,7 @@ from obsdesign.calculus import rk4
 from obsdesign.checks import whole_multiple
 from obsdesign.errors import InputError
 from obsdesign.model import Model
+from obsdesign.scan import Spread
 
 CACHED = 64  # functions kept of each kind
 
@@ -122,9 +123,12 @@ def blocks_of(model: Model, Phi: ca.SX, weighted: bool = True) -> list[ca.SX]:
     return [rows.T @ rows for rows in seen]
 
 
-def dense_blocks(blocks: list[ca.SX]) -> ca.SX:
-    """Return all entries of symmetric blocks as one column (S n n, 1), for an array (S, n, n)."""
-    return ca.densify(ca.vertcat(*[ca.vec(block) for block in blocks]))
+def dense_blocks(blocks: list[ca.SX]) -> Spread:
+    """Return symmetric blocks for an array (S, n, n), each entry of a lower triangle computed once and zeros not at all."""
+    packing = packing_of(blocks)
+    place = packing.full(np.arange(1.0, len(packing.rows) + 1)) - 1  # -1 where there is nothing
+    index = np.where(place < 0, len(packing.rows), place).astype(int)
+    return Spread(ca.vertcat(packing.column(blocks), 0), index.ravel())
 
 
 @lru_cache(CACHED)

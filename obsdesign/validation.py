@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from obsdesign.calculus import wrap_columns
@@ -153,6 +152,8 @@ def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
 def _correlated(white: np.ndarray, correlation: float) -> np.ndarray:
     """e_0 = white_0, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j: variance 1 throughout."""
+    from scipy.signal import lfilter  # a second to load, and few sensors need it
+
     fresh = np.sqrt(1 - correlation**2)
     driven = np.concatenate([white[:1] / fresh, white[1:]])
     return np.asarray(lfilter([fresh], [1.0, -correlation], driven))

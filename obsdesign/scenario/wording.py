@@ -52,9 +52,10 @@ def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Pr
         choices = [tag for tag in (part.strip("' ") for part in error["ctx"]["expected_tags"].split(",")) if tag]
         return Problem((*location, "kind"), unknown_name(error["ctx"]["tag"], choices))
     if kind == "value_error":
-        degrees = [f"{key} = {item}" for key, item in value.items() if key.endswith(_DEGREES)] if isinstance(value, Mapping) else []
+        said, written = str(error["ctx"]["error"]), value.items() if isinstance(value, Mapping) else ()
+        degrees = [f"{key} = {item}" for key, item in written if key.endswith(_DEGREES) and key.removesuffix(_DEGREES) in said]
         given = f" (given as {', '.join(degrees)})" if degrees else ""
-        return Problem(location, str(error["ctx"]["error"]) + given)
+        return Problem(location, said + given)
     message = error["msg"].replace("Input should be", "must be")
     return Problem(location, f"is {value!r}: {message[:1].lower()}{message[1:]}")
 

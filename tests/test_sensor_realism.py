@@ -1,0 +1,502 @@
+"""Errors that last, noise that grows with distance, and samples out of range or view: in information and in filters."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import toeplitz
+
+import obsdesign as od
+from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.validation import _draws, _Task
+
+few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
+
+BEACON = (40.0, 25.0)
+Beacon = type[od.Range] | type[od.Bearing]
+LOOKING = pytest.mark.parametrize("make", [od.Range, od.Bearing], ids=["range", "bearing"])
+EVERY_KIND: dict[str, Callable[..., AbstractSensor]] = {
+    "gps": lambda **fields: od.GPS(2.0, **fields),
+    "magnetometer": lambda **fields: od.Magnetometer(0.2, **fields),
+    "range": lambda **fields: od.Range(BEACON, 1.0, **fields),
+    "bearing": lambda **fields: od.Bearing(BEACON, 0.1, **fields),
+}
+EACH = pytest.mark.parametrize("make", EVERY_KIND.values(), ids=EVERY_KIND.keys())
+
+
+def one_sample(sensor: AbstractSensor, x: float = 3.0, y: float = -1.0, heading: float = 0.4) -> np.ndarray:
+    """What a single sample says about (x, y, heading)."""
+    system = od.System(od.Unicycle(), (sensor,))
+    return od.variational_gramian(system, od.simulate(system, (x, y, heading), np.zeros((1, 2)), 1.0)).total
+
+
+def resting(sensor: AbstractSensor, steps: int, start: tuple[float, float, float] = (3.0, -1.0, 0.4)) -> tuple[od.System, od.Trajectory]:
+    """A vehicle that does not move: everything it measures is constant. One step is one second."""
+    system = od.System(od.Unicycle(), (sensor,))
+    return system, od.simulate(system, start, np.zeros((steps, 2)), 1.0)
+
+
+def ar1(steps: int, correlation: float) -> np.ndarray:
+    """Covariance (N, N) of a first-order sequence of variance 1."""
+    return toeplitz(correlation ** np.arange(steps))
+
+
+# ---------------------------------------------------------------- what one sample, and what many, are worth
+
+
+@EACH
+@few
+@given(inflation=st.floats(0.2, 5.0))
+def test_information_divides_by_the_square_of_the_inflation(make: Callable[..., AbstractSensor], inflation: float):
+    np.testing.assert_allclose(one_sample(make(inflation=inflation)) * inflation**2, one_sample(make()), rtol=1e-12)
+
+
+@EACH
+@few
+@given(bias=st.floats(0.01, 5.0))
+def test_one_sample_with_a_constant_error_is_least_squares_with_the_error_as_an_unknown(make: Callable[..., AbstractSensor], bias: float):
+    """Each output y = h + b + v with b ~ N(0, bias^2): b is eliminated by a Schur complement."""
+    plain = one_sample(make())
+    sigma = make().sigma
+    outputs = plain * sigma**2  # C'C
+    joint, across = 1 / sigma**2 + 1 / bias**2, 1 / sigma**2
+    np.testing.assert_allclose(one_sample(make(bias_floor=bias)), outputs * (1 / sigma**2 - across**2 / joint), rtol=1e-9, atol=1e-15)
+
+
+@EACH
+@few
+@given(bias=st.floats(0.0, 3.0), inflation=st.floats(0.5, 3.0), correlation=st.floats(0.0, 0.95), steps=st.sampled_from([1, 2, 9]))
+def test_samples_at_rest_add_up_with_the_variance_that_is_written_in_the_sensor(
+    make: Callable[..., AbstractSensor], bias: float, inflation: float, correlation: float, steps: int
+):
+    system, path = resting(make(bias_floor=bias, inflation=inflation, correlation=correlation), steps)
+    R = (inflation * make().sigma) ** 2 * (1 + correlation) / (1 - correlation) + bias**2
+    expected = steps * one_sample(make()) * make().sigma ** 2 / R
+    np.testing.assert_allclose(od.variational_gramian(system, path).total, expected, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize("rate", [None, 0.5], ids=["every step", "every second step"])
+@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.9])
+def test_many_samples_of_a_constant_are_worth_what_the_exact_covariance_of_their_noise_says(correlation: float, rate: float | None):
+    """1'S^-1 1 of the first-order sequence S; what is left of the difference falls as 2 c / (N (1 - c))."""
+    sigma, ratios = 0.2, []
+    for samples in (20, 200, 2000):
+        sensor = od.Magnetometer(sigma, correlation=correlation, rate=rate)
+        system, path = resting(sensor, samples if rate is None else 2 * samples)
+        found = od.variational_gramian(system, path).total[2, 2]
+        ones = np.ones(samples)
+        exact = ones @ np.linalg.solve(sigma**2 * ar1(samples, correlation), ones)
+        ratios.append(exact / found)
+        assert exact / found - 1 == pytest.approx(2 * correlation / (samples * (1 - correlation)), rel=1e-6, abs=1e-9)
+    assert ratios[-1] == pytest.approx(1.0, abs=0.01)
+
+
+@LOOKING
+@few
+@given(r=st.floats(0.5, 500.0), angle=st.floats(-3.1, 3.1), growth=st.floats(0.001, 0.2))
+def test_the_spread_grows_with_the_distance_as_two_errors_in_quadrature(make: Beacon, r: float, angle: float, growth: float):
+    place = (BEACON[0] - r * math.cos(angle), BEACON[1] - r * math.sin(angle), 0.3)
+    plain, grown = one_sample(make(BEACON, 0.5), *place), one_sample(make(BEACON, 0.5, sigma_per_metre=growth), *place)
+    np.testing.assert_allclose(grown, plain * 0.5**2 / (0.5**2 + (growth * r) ** 2), rtol=1e-9, atol=1e-18)
+
+
+# ---------------------------------------------------------------- range and field of view
+
+
+def share(make: Beacon, x: float, y: float, heading: float, **limits: float) -> float:
+    """What of the information of a sample is left by the limits: the same for each entry."""
+    plain, limited = one_sample(make(BEACON, 0.5), x, y, heading), one_sample(make(BEACON, 0.5, **limits), x, y, heading)
+    entry = np.unravel_index(np.abs(plain).argmax(), plain.shape)
+    np.testing.assert_allclose(limited, plain * limited[entry] / plain[entry], rtol=1e-9, atol=1e-30)
+    return float(limited[entry] / plain[entry])
+
+
+def from_beacon(r: float, angle: float) -> tuple[float, float]:
+    return BEACON[0] + r * math.cos(angle), BEACON[1] + r * math.sin(angle)
+
+
+@LOOKING
+@few
+@given(angle=st.floats(-3.1, 3.1), heading=st.floats(-3.1, 3.1), limit=st.floats(1.0, 1e4), within=st.floats(0.01, 0.5))
+def test_at_the_maximum_range_half_of_the_samples_arrive_and_as_many_more_within_as_fewer_beyond(
+    make: Beacon, angle: float, heading: float, limit: float, within: float
+):
+    half, near, far = (share(make, *from_beacon(limit * factor, angle), heading, max_range=limit) for factor in (1, 1 - within, 1 + within))
+    assert half == pytest.approx(0.5, rel=1e-9)
+    assert near + far == pytest.approx(1.0, rel=1e-9)
+    assert near > 0.5 > far
+
+
+@LOOKING
+def test_the_share_falls_all_the_way_from_one_to_nothing(make: Beacon):
+    shares = [share(make, *from_beacon(factor * 50.0, 0.3), 1.0, max_range=50.0) for factor in (0.02, 0.3, 0.7, 0.9, 1.0, 1.1, 1.3, 2.0)]
+    assert (np.diff(shares) < 0).all()
+    assert shares[0] == pytest.approx(1.0, abs=1e-8)
+    assert shares[-1] < 1e-8
+    for factor in (5.0, 30.0, 1e6):
+        assert 0 <= share(make, *from_beacon(factor * 50.0, 0.3), 1.0, max_range=50.0) < 1e-30
+
+
+@LOOKING
+@few
+@given(r=st.floats(1.0, 200.0), angle=st.floats(-3.1, 3.1), view=st.floats(0.3, 6.0), off=st.floats(0.02, 0.14))
+def test_at_the_edge_of_view_half_of_the_samples_arrive_on_either_side(make: Beacon, r: float, angle: float, view: float, off: float):
+    """Off the nose by b: the share is even in b, 1/2 at half the field of view, and falls with |b|."""
+    place, nose = from_beacon(r, angle), angle + math.pi
+    for side in (1, -1):
+        edge, inside, outside = (share(make, *place, nose + side * (view / 2 + more), field_of_view=view) for more in (0.0, -off, off))
+        assert edge == pytest.approx(0.5, rel=1e-8)
+        assert inside > 0.5 > outside
+    assert share(make, *place, nose + 0.7, field_of_view=view) == pytest.approx(
+        share(make, *place, nose - 0.7, field_of_view=view), rel=1e-8
+    )
+    shares = [share(make, *place, nose + b, field_of_view=view) for b in np.linspace(0, np.pi, 9)]
+    assert (np.diff(shares) <= 0).all()
+
+
+@LOOKING
+def test_a_beacon_astern_is_not_seen_by_a_camera_that_looks_ahead(make: Beacon):
+    ahead, astern = (share(make, 0.0, 25.0, heading, field_of_view=1.5) for heading in (0.0, math.pi))
+    assert ahead > 0.99
+    assert astern < 1e-14
+
+
+@LOOKING
+def test_limits_of_range_and_view_multiply(make: Beacon):
+    at = (10.0, 0.0, 0.1)
+    both = share(make, *at, max_range=38.0, field_of_view=1.0)
+    assert both == pytest.approx(share(make, *at, max_range=38.0) * share(make, *at, field_of_view=1.0), rel=1e-9)
+    assert 0.01 < both < 0.9
+
+
+# ---------------------------------------------------------------- the same sensors in everything that is made of them
+
+REAL = (
+    od.GPS(2.0, rate=1.0, inflation=1.4, correlation=0.5),
+    od.Magnetometer(0.2, bias_floor=0.1, rate=2.0),
+    od.Range(BEACON, 1.0, sigma_per_metre=0.05, max_range=45.0, correlation=0.2),
+    od.Bearing(BEACON, 0.1, field_of_view=2.0, max_range=60.0, bias_floor=0.05, inflation=1.2),
+)
+SYSTEM = od.System(od.Unicycle(wind="constant"), REAL)
+START = np.array([3.0, -1.0, 0.4, 2.0, -1.0])
+STEP, STEPS = 0.25, 24
+INPUTS = np.column_stack([np.full(STEPS, 9.0), 0.5 * np.sin(0.7 * np.arange(STEPS))])
+PATH = od.simulate(SYSTEM, START, INPUTS, STEP)
+
+
+def gates(path: od.Trajectory) -> np.ndarray:
+    """Shares (N, 2) of the range and the bearing, by hand."""
+    to = np.array(BEACON) - path.x[:-1, :2]
+    r = np.hypot(*to.T)
+    cosine = (to[:, 0] * np.cos(path.x[:-1, 2]) + to[:, 1] * np.sin(path.x[:-1, 2])) / r
+    within = [1 / (1 + np.exp((r / limit - 1) / 0.05)) for limit in (45.0, 60.0)]
+    return np.column_stack([within[0], within[1] / (1 + np.exp((math.cos(1.0) - cosine) / 0.05))])
+
+
+def test_the_path_of_these_tests_passes_through_the_limits():
+    found = gates(PATH)
+    assert found.max() > 0.9
+    assert found.min() < 0.1
+    assert ((found > 0.2) & (found < 0.8)).any(axis=0).all()
+
+
+def test_a_gramian_is_that_of_plain_sensors_with_each_sample_weighted_by_hand():
+    plain = od.System(SYSTEM.vehicle, (od.GPS(1.0), od.Magnetometer(1.0), od.Range(BEACON, 1.0), od.Bearing(BEACON, 1.0)))
+    blocks = od.variational_gramian(plain, PATH).blocks
+    r = np.hypot(*(np.array(BEACON) - PATH.x[:-1, :2]).T)
+    weights = np.empty((STEPS, 4))
+    weights[:, 0] = (np.arange(STEPS) % 4 == 0) / ((1.4 * 2.0) ** 2 * 1.5 / 0.5)
+    weights[:, 1] = (np.arange(STEPS) % 2 == 0) / (0.2**2 + 0.1**2)
+    weights[:, 2] = gates(PATH)[:, 0] / ((1.0 + (0.05 * r) ** 2) * 1.2 / 0.8)
+    weights[:, 3] = gates(PATH)[:, 1] / ((1.2 * 0.1) ** 2 + 0.05**2)
+    expected = blocks * weights[:, :, None, None]
+    np.testing.assert_allclose(od.variational_gramian(SYSTEM, PATH).blocks, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_empirical_gramian_tends_to_the_variational_one_at_order_2():
+    exact = od.variational_gramian(SYSTEM, PATH).blocks
+    errors = [np.abs(od.empirical_gramian(SYSTEM, PATH, eps).blocks - exact).max(axis=(0, 2, 3)) for eps in (0.02, 0.01, 0.005)]
+    curved = np.array(errors)[:, [0, 2, 3]]  # a heading is linear in the start
+    np.testing.assert_allclose(np.log2(curved[:-1] / curved[1:]), 2.0, atol=0.05)
+
+
+def test_every_way_to_sum_the_information_of_such_sensors_gives_the_same():
+    information = od.variational_gramian(SYSTEM, PATH)
+    by_sensor = information.blocks.sum(axis=0)
+    size = np.sqrt(np.diag(information.total))
+    allowed = np.broadcast_to(1e-9 * np.outer(size, size), by_sensor.shape)
+    for values in (
+        od.segment_information(SYSTEM, PATH, 6).sum(axis=0),
+        od.sliding_information(SYSTEM, PATH, STEPS)[0],
+        od.batch_information(SYSTEM, START[None], INPUTS, STEP)[0],
+    ):
+        np.testing.assert_array_less(np.abs(values - by_sensor), allowed)
+    prior = od.Prior(START, std=(5.0, 4.0, 0.3, 1.0, 1.5))
+    J, Phi = od.posterior_information(SYSTEM, PATH, prior)[-1], information.transition
+    np.testing.assert_array_less(np.abs(Phi.T @ J @ Phi - prior.information - information.total), allowed[0])
+
+
+@pytest.mark.parametrize("criterion", [od.LogDet(), od.MinEigenvalue(), od.TraceInverse()], ids=lambda value: type(value).__name__)
+def test_a_gradient_through_limits_and_growing_noise_is_its_central_differences(criterion: object):
+    scale = (5.0, 4.0, 0.3, 1.0, 1.5)
+    value, gradient = od.information_gradient(SYSTEM, START, INPUTS, STEP, criterion, scale)
+    eps, expected = 1e-5, np.empty_like(INPUTS)
+    for k, i in np.ndindex(*INPUTS.shape):
+        plus, minus = INPUTS.copy(), INPUTS.copy()
+        plus[k, i] += eps
+        minus[k, i] -= eps
+        sides = (od.information_value(SYSTEM, START, u, STEP, criterion, scale) for u in (plus, minus))
+        expected[k, i] = (next(sides) - next(sides)) / (2 * eps)
+    assert value == od.information_value(SYSTEM, START, INPUTS, STEP, criterion, scale)
+    assert np.abs(expected[:-2]).min() > 0
+    np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-7 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("distance", [60.0, 300.0, 1e5], ids=lambda value: f"{value:g} m")
+def test_a_sensor_far_out_of_range_adds_nothing_to_the_gradient(distance: float):
+    """Twelve times the maximum range of 5 m and more: what does not arrive has no slope either."""
+    far = (START[0] + distance, START[1])
+    alone = od.System(SYSTEM.vehicle, (od.GPS(2.0), od.Magnetometer(0.2)))
+    helped = od.System(SYSTEM.vehicle, (*alone.sensors, od.Range(far, 1.0, max_range=5.0), od.Bearing(far, 0.1, max_range=5.0)))
+    value, gradient = od.information_gradient(helped, START, INPUTS[:8], STEP, od.LogDet())
+    expected, slope = od.information_gradient(alone, START, INPUTS[:8], STEP, od.LogDet())
+    assert value == pytest.approx(expected, rel=1e-9)
+    np.testing.assert_allclose(gradient, slope, rtol=1e-6, atol=1e-9)
+
+
+# ---------------------------------------------------------------- filters
+
+RUNS = 2000
+
+
+def heading_errors(
+    sensor: AbstractSensor, steps: int, samples: int, noise: np.ndarray, prior: float
+) -> tuple[np.ndarray, float, Callable[[float], float]]:
+    """A filter of the heading at rest, fed by hand with noise (R, samples): errors (R,), its variance, and that by the formula for an R."""
+    system, path = resting(sensor, steps)
+    runs, period = len(noise), steps // samples
+    guess = np.random.default_rng(77).standard_normal(runs) * prior
+    means = np.tile(path.x[0], (runs, 1))
+    means[:, 2] += guess
+    y = np.zeros((steps, runs, 1))
+    y[::period, :, 0] = path.x[0, 2] + noise.T
+    active = np.zeros((steps, 1), dtype=bool)
+    active[::period] = True
+    start = Belief(means, np.tile(np.diag([1.0, 1.0, prior**2]), (runs, 1, 1)))
+    last = ExtendedKalmanFilter(system, 1.0, np.zeros((3, 3))).run(start, path.u, y, active)
+    variance = last.covariance[-1, 0, 2, 2]
+    return last.mean[-1][:, 2] - path.x[0, 2], variance, lambda R: 1 / (1 / prior**2 + samples / R)
+
+
+def correlated_noise(runs: int, samples: int, correlation: float, sigma: float) -> np.ndarray:
+    white = np.random.default_rng(3).standard_normal((runs, samples))
+    return sigma * white @ np.linalg.cholesky(ar1(samples, correlation)).T
+
+
+@pytest.mark.parametrize("correlation", [0.5, 0.8])
+def test_a_filter_that_knows_of_the_correlation_is_far_closer_to_consistent_than_one_that_does_not(correlation: float):
+    """Squared errors over variance: on average (1/P + 1'A1 s^2/R^2) / (1/P + N/R), A the correlations, R what the filter counts."""
+    sigma, prior, samples = 0.2, 0.5, 100
+    noise = correlated_noise(RUNS, samples, correlation, sigma)
+    averages = []
+    for declared in (correlation, 0.0):
+        R = sigma**2 * (1 + declared) / (1 - declared)
+        errors, variance, by_hand = heading_errors(od.Magnetometer(sigma, correlation=declared), samples, samples, noise, prior)
+        assert variance == pytest.approx(by_hand(R), rel=1e-9)
+        expected = (1 / prior**2 + sigma**2 * ar1(samples, correlation).sum() / R**2) / (1 / prior**2 + samples / R)
+        nees = float(np.mean(errors**2) / variance)
+        assert nees == pytest.approx(expected, rel=5 * math.sqrt(2 / RUNS))
+        averages.append(nees)
+    assert abs(averages[0] - 1) < 0.2
+    assert averages[1] > 0.8 * (1 + correlation) / (1 - correlation)
+
+
+CASES: dict[str, dict[str, float]] = {
+    "independent": {},
+    "correlated": {"correlation": 0.7},
+    "biased": {"bias_floor": 0.1},
+    "inflated": {"inflation": 1.5},
+    "growing": {"sigma_per_metre": 0.004},
+    "all": {"correlation": 0.4, "bias_floor": 0.07, "inflation": 1.3, "sigma_per_metre": 0.003},
+    "all, every second step": {"correlation": 0.4, "bias_floor": 0.07, "inflation": 1.3, "sigma_per_metre": 0.003, "rate": 0.5},
+}
+
+
+@pytest.mark.parametrize("fields", CASES.values(), ids=CASES.keys())
+def test_validation_makes_the_errors_that_the_sensor_describes(fields: dict[str, float]):
+    """A bearing at rest, its place known. With y = h + b + v the error of the heading after N samples has the variance
+
+    (1/P + (N^2 bias^2 + 1'A1 spread^2) / R^2) / (1/P + N/R)^2: b lasts, v is a first-order sequence, and neither is inflated.
+    """
+    sigma, prior, steps, runs = 0.1, 0.4, 40, 500
+    sensor = od.Bearing(BEACON, sigma, **fields)
+    system, path = resting(sensor, steps)
+    check = od.validate(system, path, prior=od.Prior(path.x[0], std=(1e-6, 1e-6, prior)), runs=runs, seed=1)
+    r = math.hypot(BEACON[0] - path.x[0, 0], BEACON[1] - path.x[0, 1])
+    spread = math.hypot(sigma, fields.get("sigma_per_metre", 0.0) * r)
+    correlation, bias = fields.get("correlation", 0.0), fields.get("bias_floor", 0.0)
+    R = (fields.get("inflation", 1.0) * spread) ** 2 * (1 + correlation) / (1 - correlation) + bias**2
+    for k in (0, 1, 7, 8, 39):
+        N = k // 2 + 1 if "rate" in fields else k + 1
+        known = 1 / prior**2 + N / R
+        variance = (1 / prior**2 + (N**2 * bias**2 + ar1(N, correlation).sum() * spread**2) / R**2) / known**2
+        assert check.bound[k, 2] == pytest.approx(known**-0.5, rel=1e-6)
+        assert check.rmse[k, 2] ** 2 == pytest.approx(variance, rel=5 * math.sqrt(2 / runs))
+        # two places as the prior has them, and the heading
+        assert check.nees[k] == pytest.approx(2 + variance * known, abs=5 * math.sqrt(2 * (2 + (variance * known) ** 2) / runs))
+
+
+def test_with_declared_correlation_the_filter_of_a_flight_is_consistent():
+    system = od.System(od.Unicycle(), (od.GPS(2.0, correlation=0.6), od.Magnetometer(0.2, correlation=0.6)))
+    u = np.column_stack([np.full(60, 5.0), 0.3 * np.sin(np.arange(60) / 5)])
+    path = od.simulate(system, (0.0, 0.0, 0.4), u, 0.5)
+    check = od.validate(system, path, prior=od.Prior(path.x[0], std=(3.0, 3.0, 0.3)), runs=100)
+    # white noise of the variance that is counted is worth the same, but for the ends of the sequence
+    assert check.nees[-1] == pytest.approx(3.0, abs=5 * math.sqrt(2 * 3 / 100))
+    assert check.verdict != "overconfident"
+
+
+DRAWN = od.System(
+    od.Unicycle(),
+    (
+        od.GPS(2.0, correlation=0.8, bias_floor=1.5, rate=1.0),
+        od.Magnetometer(0.2),
+        od.Range(BEACON, 1.0, correlation=0.5, bias_floor=0.3),
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> tuple[np.ndarray, np.ndarray]:
+    """Noise (R, N, q) and constant errors (R, q) of many runs, steps of half a second."""
+    path = od.simulate(DRAWN, (0.0, 0.0, 0.0), np.tile([1.0, 0.1], (60, 1)), 0.5)
+    task = _Task(DRAWN, path, od.Prior(path.x[0], std=(1.0, 1.0, 1.0)), np.ones((60, 3), dtype=bool), np.zeros((3, 0)), 9, range(800))
+    draws = [_draws(task, run) for run in task.runs]
+    return np.stack([draw[2] for draw in draws]), np.stack([draw[3] for draw in draws])
+
+
+# the columns: GPS x and y, magnetometer, range
+@pytest.mark.parametrize(
+    ("column", "period", "correlation"), [(0, 2, 0.8), (1, 2, 0.8), (2, 1, 0.0), (3, 1, 0.5)], ids=["x", "y", "heading", "range"]
+)
+def test_the_noise_of_the_truth_is_a_first_order_sequence_from_sample_to_sample(
+    drawn: tuple[np.ndarray, np.ndarray], column: int, period: int, correlation: float
+):
+    noise = drawn[0][:, ::period, column]
+    runs, samples = noise.shape
+    assert samples == 60 // period
+    np.testing.assert_allclose(np.mean(noise**2, axis=0), 1.0, atol=5 * math.sqrt(2 / runs))  # the first sample like the last
+    for lag in (1, 2, 5):
+        products = noise[:, lag:] * noise[:, :-lag]
+        # the mean over a run is one draw: its own spread tells how near the mean over all runs is
+        each = products.mean(axis=1)
+        assert abs(each.mean() - correlation**lag) < 5 * each.std() / math.sqrt(runs)
+        np.testing.assert_allclose(products.mean(axis=0), correlation**lag, atol=5 * math.sqrt(2 / runs))
+    fresh = noise[:, 1:] - correlation * noise[:, :-1]
+    earlier = fresh[:, 1:] * fresh[:, :-1]
+    assert abs(earlier.mean()) < 5 * (1 - correlation**2) / math.sqrt(earlier.size)
+
+
+def test_the_constant_errors_of_the_truth_have_the_declared_spread_and_outputs_do_not_share_them(drawn: tuple[np.ndarray, np.ndarray]):
+    noise, bias = drawn
+    runs = len(bias)
+    expected = np.array([1.5, 1.5, 0.0, 0.3])
+    np.testing.assert_allclose(np.mean(bias**2, axis=0), expected**2, rtol=5 * math.sqrt(2 / runs))
+    assert not bias[:, 2].any()
+    np.testing.assert_allclose(np.mean(bias, axis=0), 0.0, atol=5 * 1.5 / math.sqrt(runs))
+    unit = np.column_stack([bias[:, [0, 1, 3]] / expected[[0, 1, 3]], noise[:, 10]])
+    correlations = unit.T @ unit / runs - np.eye(7)
+    assert np.abs(correlations[~np.eye(7, dtype=bool)]).max() < 5 / math.sqrt(runs)
+
+
+# ---------------------------------------------------------------- samples that do not arrive
+
+
+def flown_past(**limits: float) -> tuple[od.System, od.Trajectory]:
+    """Past a beacon 5 m to the left, from 30 m before it to 30 m behind."""
+    sensors = (od.GPS(2.0), od.Range((30.0, 5.0), 0.5, **limits))
+    system = od.System(od.Dubins(2.0), sensors)
+    return system, od.simulate(system, (0.0, 0.0, 0.0), np.zeros(60), 0.5)
+
+
+@pytest.mark.parametrize("limits", [{"max_range": 18.3}, {"field_of_view": 2.0}, {"max_range": 18.3, "field_of_view": 2.0}], ids=str)
+def test_samples_out_of_range_or_view_do_not_reach_the_filter(limits: dict[str, float]):
+    """The same truth and filter as without limits, the sensor being switched off by hand wherever it sees nothing."""
+    system, path = flown_past(**limits)
+    free, _ = flown_past()
+    to = np.array([30.0, 5.0]) - path.x[:-1, :2]
+    r, off = np.hypot(*to.T), np.abs(np.arctan2(to[:, 1], to[:, 0]))
+    within = 1 / (1 + np.exp((r / limits.get("max_range", np.inf) - 1) / 0.05)) if "max_range" in limits else np.ones(60)
+    view = 1 / (1 + np.exp((math.cos(limits["field_of_view"] / 2) - np.cos(off)) / 0.05)) if "field_of_view" in limits else np.ones(60)
+    seen = within * view > 0.5
+    assert 5 < seen.sum() < 55
+    prior = od.Prior(path.x[0], std=(3.0, 3.0, 0.2))
+    found = od.validate(system, path, prior=prior, runs=20)
+    by_hand = od.validate(free, path, np.column_stack([np.ones(60, dtype=bool), seen]), prior=prior, runs=20)
+    np.testing.assert_allclose(found.rmse, by_hand.rmse, rtol=1e-9)
+    np.testing.assert_allclose(found.nees, by_hand.nees, rtol=1e-9)
+    everything = od.validate(free, path, prior=prior, runs=20)
+    assert np.abs(found.rmse - everything.rmse).max() > 0.01
+
+
+def test_a_sensor_out_of_range_all_along_is_as_good_as_switched_off():
+    system, path = flown_past(max_range=1.0)
+    prior = od.Prior(path.x[0], std=(3.0, 3.0, 0.2))
+    found = od.validate(system, path, prior=prior, runs=20)
+    off = od.validate(system, path, [[True, False]], prior=prior, runs=20)
+    np.testing.assert_array_equal(found.rmse, off.rmse)
+    np.testing.assert_array_equal(found.nees, off.nees)
+    np.testing.assert_allclose(found.bound, off.bound, rtol=1e-12)
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def numbers(*values: object) -> list[object]:
+    return [*values, np.nan, "2", True, None]
+
+
+REFUSED = [
+    *[("inflation", value, "must be a finite number above 0") for value in numbers(0.0, -1.0, np.inf)],
+    *[("bias_floor", value, "must be a finite number of at least 0$") for value in numbers(-0.1, np.inf)],
+    *[("correlation", value, "must be a finite number of at least 0 and below 1$") for value in numbers(-0.1, 1.0, 2.0)],
+]
+REFUSED_OF_BEACONS = [
+    *[("sigma_per_metre", value, "must be a finite number of at least 0$") for value in numbers(-0.1, np.inf)],
+    *[("max_range", value, "must be a finite number above 0") for value in numbers(0.0, -5.0, np.inf) if value is not None],
+    *[("field_of_view", value, "must be a finite number above 0") for value in numbers(0.0, -1.0, np.inf) if value is not None],
+    *[("field_of_view", value, r"must be below 2 pi \(None = no limit\)") for value in (2 * math.pi, 7.0)],
+]
+
+
+@pytest.mark.parametrize(("field", "value", "accepted"), REFUSED)
+@EACH
+def test_a_field_of_a_sensor_that_makes_no_sense_is_refused(make: Callable[..., AbstractSensor], field: str, value: object, accepted: str):
+    with pytest.raises(od.InputError, match=rf"^{make().name}: {field} is {value!r}: {accepted}"):
+        make(**{field: value})
+
+
+@pytest.mark.parametrize(("field", "value", "accepted"), REFUSED_OF_BEACONS)
+@LOOKING
+def test_a_field_of_a_sensor_of_beacons_that_makes_no_sense_is_refused(make: Beacon, field: str, value: object, accepted: str):
+    with pytest.raises(od.InputError, match=rf"^{make(BEACON, 1.0).name}: {field} is {value!r}: {accepted}"):
+        make(BEACON, 1.0, **{field: value})
+
+
+@LOOKING
+def test_no_limits_are_the_default_and_cost_nothing(make: Beacon):
+    plain = make(BEACON, 1.0)
+    spelled = make(BEACON, 1.0, sigma_per_metre=0.0, max_range=None, field_of_view=None, inflation=1, bias_floor=0, correlation=0)
+    assert plain == spelled
+    assert hash(plain) == hash(spelled)
+    assert {field.name for field in dataclasses.fields(plain)} == {
+        *("beacon", "sigma", "sigma_per_metre", "max_range", "field_of_view"),
+        *("rate", "inflation", "bias_floor", "correlation", "name"),
+    }
