@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any
@@ -17,6 +17,8 @@ _LOAD = 2_000  # steps after which the cache folder is asked for machine code
 # a compiler is asked when the virtual machine has done as much as it would take: about 0.3 s and 0.6 ms an operation, at 6 ns each
 _WORTH, _WORTH_EACH = 100_000, 50_000_000
 _NAME = "obsdesign_step"  # a name that no library has: "step" is one of the C library, and would be called instead
+_ENTRIES = 1 << 18  # numbers that one stretch may hold
+_EXACT = 8  # lengths, beside the powers of two, for which the repeated function is kept
 _LONGEST = 1024  # steps of the longest stretch that CasADi repeats in one call; a power of two
 
 # carries: values before each step's update would be x_k; here x_(k+1), as CasADi's mapaccum has it
@@ -60,6 +62,34 @@ class Spread:
     index: np.ndarray
 
 
+class _Stretch:
+    """A function repeated by CasADi over so many rows, into arrays of its own that are used again and again."""
+
+    def __init__(self, function: ca.Function, length: int, indices: Sequence[np.ndarray | None]) -> None:
+        self._buffer, self._evaluate = function.mapaccum(length).buffer()
+        self._indices = indices
+        self._carry, self._carries = np.empty(function.size1_in(0)), np.empty((length, function.size1_in(0)))
+        self._made = [np.empty((length, function.size1_out(j + 1))) for j in range(len(indices))]
+        self._buffer.set_arg(0, memoryview(self._carry))  # pyright: ignore
+        for j, values in enumerate([self._carries, *self._made]):
+            self._buffer.set_res(j, memoryview(values))  # pyright: ignore
+
+    def __call__(self, carry: np.ndarray, rows: list[np.ndarray], carries: np.ndarray | None, results: list[np.ndarray]) -> None:
+        """Move carry (c,) on, in place; write carries (N, c) and results (N, B)."""
+        self._carry[:] = carry
+        for i, values in enumerate(rows):
+            self._buffer.set_arg(i + 1, memoryview(values))  # pyright: ignore
+        self._evaluate()
+        carry[:] = self._carries[-1]
+        if carries is not None:
+            carries[:] = self._carries
+        for into, values, index in zip(results, self._made, self._indices, strict=True):
+            if index is None:
+                into[:] = values
+            else:
+                np.take(values, index, axis=1, out=into, mode="clip")  # clip: without a copy
+
+
 class Scan:
     """(carry, row_1, ...) -> (carry', result_1, ...), all SX columns, applied to every row of arrays in turn.
 
@@ -73,7 +103,8 @@ class Scan:
         self._function = ca.Function(_NAME, [carry, *rows], outputs)
         self._indices = tuple(each.index if isinstance(each, Spread) else None for each in results)
         self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))
-        self._stretches: dict[tuple[int, bool], tuple[ca.FunctionBuffer, Callable[[], None]]] = {}
+        self._stretches: dict[tuple[int, bool], _Stretch] = {}
+        self._exact: set[int] = set()
         self._lock = Lock()
         self._done = 0
         self._compiled: machine.Compiled | None = None
@@ -117,37 +148,31 @@ class Scan:
     # ---------------------------------------------------------------- virtual machine
 
     def _walk(self, carry: np.ndarray, rows: list[np.ndarray], steps: int, every: np.ndarray | None, found: tuple[np.ndarray, ...]) -> None:
-        scratch = np.empty((min(steps, _LONGEST), carry.shape[1])) if every is None else None
-        tiled = [np.tile(row, (min(steps, _LONGEST), 1)) if row.ndim == 1 else row for row in rows]
+        pieces = self._pieces(steps)
+        tiled = [np.tile(row, (max(pieces), 1)) if row.ndim == 1 else row for row in rows]
         for m, now in enumerate(carry):
-            own = [row[m] if row.ndim == 3 else row for row in tiled]
             first = 0
-            while first < steps:
-                length = min(_LONGEST, 1 << ((steps - first).bit_length() - 1))
-                last = first + length
-                inputs = [own[i][:length] if rows[i].ndim == 1 else own[i][first:last] for i in range(len(rows))]
-                passed = every[m, first:last] if every is not None else scratch[:length]  # pyright: ignore[reportOptionalSubscript]
-                self._stretch(length, now, inputs, passed, [result[m, first:last] for result in found])
-                now[:] = passed[-1]
-                first = last
+            for length in pieces:
+                part = slice(first, first + length)
+                own = [row[:length] if rows[i].ndim == 1 else (row[m] if row.ndim == 3 else row)[part] for i, row in enumerate(tiled)]
+                self._stretch(length, bool(found))(now, own, None if every is None else every[m, part], [each[m, part] for each in found])
+                first += length
 
-    def _stretch(self, length: int, carry: np.ndarray, rows: list[np.ndarray], carries: np.ndarray, results: list[np.ndarray]) -> None:
-        key = length, bool(results)  # a buffer never forgets an address: results that are not wanted need one of their own
-        if key not in self._stretches:
-            self._stretches[key] = self._function.mapaccum(length).buffer()
-        buffer, evaluate = self._stretches[key]
-        for i, values in enumerate([carry, *rows]):
-            buffer.set_arg(i, memoryview(values))  # pyright: ignore
-        made = [
-            into if index is None else np.empty((length, self._function.size1_out(j + 1)))
-            for j, (into, index) in enumerate(zip(results, self._indices[: len(results)], strict=True))
-        ]
-        for i, values in enumerate([carries, *made]):
-            buffer.set_res(i, memoryview(values))  # pyright: ignore
-        evaluate()
-        for into, values, index in zip(results, made, self._indices[: len(results)], strict=True):
-            if index is not None:
-                np.take(values, index, axis=1, out=into, mode="clip")  # clip: without a copy
+    def _pieces(self, steps: int) -> list[int]:
+        """Cut the steps into lengths for which the repeated function is kept: some exact ones, else powers of two."""
+        width = max(1, sum(self._function.size1_out(j) for j in range(self._function.n_out())))
+        longest = min(_LONGEST, 1 << max(0, (_ENTRIES // width).bit_length() - 1))
+        whole, rest = divmod(steps, longest)
+        lengths = [longest] * whole
+        if rest in self._exact or (rest and len(self._exact) < _EXACT):
+            self._exact.add(rest)
+            return [*lengths, rest]
+        return [*lengths, *(1 << bit for bit in reversed(range(rest.bit_length())) if rest >> bit & 1)]
+
+    def _stretch(self, length: int, wanted: bool) -> _Stretch:
+        if (length, wanted) not in self._stretches:
+            self._stretches[length, wanted] = _Stretch(self._function, length, self._indices if wanted else ())
+        return self._stretches[length, wanted]
 
     # ---------------------------------------------------------------- machine code
 
