@@ -10,7 +10,7 @@ from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
 from obsdesign.study import Study
 
-MENTIONED = 0.2  # components of a direction smaller than this go without saying
+MENTIONED = 0.15  # components of a direction smaller than this go without saying
 
 
 def on_the_map(study: Study) -> str:
@@ -37,7 +37,7 @@ def on_the_eigenvectors(study: Study) -> str:
     parts = [study.scenario.state_names[i] for i in np.argsort(-np.abs(quality.weakest)) if abs(quality.weakest[i]) >= MENTIONED]
     who = facts.sensors_in_words(study, quality.sensors)
     known = "hidden from" if facts.cleaned(quality)[0] == 0 else "known least to"
-    mixture = f"{parts[0]} alone" if len(parts) == 1 else f"{', '.join(parts[:-1])} against {parts[-1]}"
+    mixture = f"{parts[0]} alone" if len(parts) == 1 else f"{parts[0]} against {' and '.join(parts[1:])}"
     return (
         "Each column is a combination of scaled states, its squares adding up to 1, that is known as well as the number below it says. "
         f"Flying straight, {mixture} is what is {known} {who}."
