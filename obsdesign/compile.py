@@ -59,7 +59,9 @@ def compiler() -> Compiler:
     if found is None:
         return Compiler("", "", f"no C compiler ({', '.join(names)}) is on the path")
     try:
-        version = subprocess.run([found, "--version"], capture_output=True, text=True, timeout=_TIMEOUT, check=True).stdout
+        version = subprocess.run(
+            [found, "--version"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=True
+        ).stdout
     except (OSError, subprocess.SubprocessError) as error:
         return Compiler("", "", f"{found} does not run: {error}")
     return Compiler(found, version)
@@ -131,7 +133,9 @@ def _compile(command: list[str], source: str, target: Path) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
         code, made = Path(scratch) / "step.c", Path(scratch) / "step.so"
         code.write_text(source, encoding="utf-8")
-        subprocess.run([*command, str(code), "-o", str(made), "-lm"], capture_output=True, text=True, timeout=_TIMEOUT, check=True)
+        subprocess.run(
+            [*command, str(code), "-o", str(made), "-lm"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=True
+        )
         made.replace(target)
 
 

@@ -107,20 +107,15 @@ def _entries(matrix: ca.SX, index: np.ndarray) -> ca.SX:
     return ca.vertcat(*[matrix[int(i) // n, int(i) % n] for i in index])
 
 
-@lru_cache(CACHED)
-def sample_rows(model: Model, weighted: bool = True) -> tuple[ca.SX, ...]:
-    """Return for each sensor (gate / R)^1/2 dh/dx (q, n) of the state: the root of what one sample says; R = gate = 1 if not weighted."""
-    rows = []
-    for channel in model.channels:
-        root = ca.sqrt(channel.noise.gate / channel.noise.variance) if weighted else ca.SX(1)
-        rows.append(root * ca.jacobian(channel.h, model.x))
-    return tuple(rows)
-
-
 def blocks_of(model: Model, Phi: ca.SX, weighted: bool = True) -> list[ca.SX]:
-    """Return Phi' C_s' R_s^-1 C_s Phi (n, n) for each sensor s, sparse."""
-    seen = [rows @ Phi for rows in sample_rows(model, weighted)]
-    return [rows.T @ rows for rows in seen]
+    """Return g Phi' C_s' R_s^-1 C_s Phi (n, n) for each sensor s, sparse, g its gate; g = R = 1 if not weighted."""
+    blocks = []
+    for channel in model.channels:
+        seen = ca.jacobian(channel.h, model.x) @ Phi
+        # not the root of the weight on both sides: that has no derivative where a gate is closed
+        weight = channel.noise.gate / channel.noise.variance if weighted else ca.SX(1)
+        blocks.append(seen.T @ (weight * seen))
+    return blocks
 
 
 def dense_blocks(blocks: list[ca.SX]) -> Spread:

@@ -83,7 +83,7 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
 
 
 def _open_where(margin: ca.SX) -> ca.SX:
-    """1 / (1 + exp(-margin / 0.05)): 1/2 at margin 0."""
+    """1 / (1 + exp(-margin / 0.05)): 1/2 at margin 0; as a hyperbolic tangent, which does not overflow far outside."""
     import casadi as ca
 
-    return 1 / (1 + ca.exp(-margin / _SOFT))
+    return (1 + ca.tanh(margin / (2 * _SOFT))) / 2
