@@ -25,14 +25,13 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     """
     require_fit(system, path)
     require_count("window", window, least=1, most=path.steps)
-    F, blocks = local_information(system, path)
-    found = None  # (F, W) of the steps of the window joined so far
-    for bit in range(window.bit_length()):
+    stretches = [local_information(system, path)]  # of 1, 2, 4, ... steps
+    for bit in range(window.bit_length() - 1):
+        stretches.append(_joined(stretches[-1], stretches[-1], 1 << bit))
+    found, length = stretches[-1], 1 << (window.bit_length() - 1)
+    for bit in range(window.bit_length() - 1):
         if window >> bit & 1:
-            found = (F, blocks) if found is None else _joined(found, (F, blocks), (window & ((1 << bit) - 1)))
-        if window >> (bit + 1):
-            F, blocks = _joined((F, blocks), (F, blocks), 1 << bit)
-    assert found is not None  # window >= 1
+            found, length = _joined(found, stretches[bit], length), length + (1 << bit)
     return found[1][: path.steps - window + 1].copy()
 
 
