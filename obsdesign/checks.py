@@ -53,6 +53,12 @@ def require_count(what: str, value: int, least: int = 1, most: int | None = None
         raise InputError(f"{what} is {value!r}: must be {accepted}")
 
 
+def require_divisor(what: str, value: int, whole: str, of: int) -> None:
+    """Raise InputError unless value is a whole number of at least 1 that divides `of`, the number of `whole`."""
+    if not isinstance(value, Integral) or isinstance(value, bool) or value < 1 or of % value:
+        raise InputError(f"{what} is {value!r}: must divide the number of {whole}, {of}")
+
+
 def require_known(what: str, names: Collection[str], accepted: Sequence[str]) -> None:
     """Raise InputError for the first name that is not among the accepted ones, with the nearest spelling."""
     import difflib

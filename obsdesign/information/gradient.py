@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import require_positive
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
-from obsdesign.information.gramian import variational_gramian
+from obsdesign.information.gramian import require_sensors, variational_gramian
 from obsdesign.information.sampling import sampled
 from obsdesign.information.totals import batch_information, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
@@ -42,7 +42,10 @@ def information_gradient(
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
     require_positive("dt", dt)
+    require_sensors(system)
     start, inputs, S = as_state(system, x0, "x0"), as_inputs(u, len(system.model.inputs), "u"), _units(system, scale)
+    if not len(inputs):
+        raise InputError("u has no steps: needs at least 1")
     walk, back = walk_of(system.model, dt), _back(system.model, dt)
     due = [sampled(system, len(inputs), dt).astype(float)] if walk.masked else []
     idle = np.zeros(len(system.model.unknown_inputs))

@@ -64,7 +64,12 @@ def require_fit(system: AbstractSystem, path: Trajectory) -> None:
             f"path has {path.x.shape[1]} states and {path.u.shape[1]} inputs: the system has"
             f" {len(model.states)} ({', '.join(model.state_names)}) and {len(model.inputs)} ({', '.join(model.input_names)})"
         )
-    if not model.channels:
+    require_sensors(system)
+
+
+def require_sensors(system: AbstractSystem) -> None:
+    """Raise InputError for a system without sensors."""
+    if not system.model.channels:
         raise InputError("the system has no sensors: there is no information along any path")
 
 

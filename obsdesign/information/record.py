@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.checks import require_divisor
 from obsdesign.errors import InputError
 
 
@@ -61,8 +62,7 @@ class Information:
     def by_segment(self, segments: int) -> np.ndarray:
         """Return (K, S, n, n): the blocks of K equal groups of steps, summed. K must divide N."""
         steps = len(self.blocks)
-        if segments < 1 or steps % segments:
-            raise InputError(f"segments is {segments}: must divide the number of steps, {steps}")
+        require_divisor("segments", segments, "steps", steps)
         shape = (segments, steps // segments, *self.blocks.shape[1:])
         return self.blocks.reshape(shape).sum(axis=1)
 

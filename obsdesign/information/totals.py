@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_positive
+from obsdesign.checks import require_divisor, require_positive
 from obsdesign.errors import InputError
-from obsdesign.information.gramian import require_fit, variational_gramian
+from obsdesign.information.gramian import require_fit, require_sensors, variational_gramian
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
@@ -100,8 +100,7 @@ def segment_information(system: AbstractSystem, path: Trajectory, segments: int)
     Raises InputError as variational_gramian, and unless K divides the number of steps.
     """
     require_fit(system, path)
-    if segments < 1 or path.steps % segments:
-        raise InputError(f"segments is {segments}: must divide the number of steps, {path.steps}")
+    require_divisor("segments", segments, "steps", path.steps)
     walk, length = _along(system.model, path.step), path.steps // segments
     Phi, sums = walk.shape.start, []
     for first in range(0, path.steps, length):
@@ -168,8 +167,7 @@ def _tasks(systems: list[AbstractSystem], points: np.ndarray, u: np.ndarray, dt:
 
 def _require_shapes(system: AbstractSystem, points: np.ndarray, u: np.ndarray, w: np.ndarray | None, count: int, first: int) -> None:
     model = system.model
-    if not model.channels:
-        raise InputError("the system has no sensors: there is no information along any path")
+    require_sensors(system)
     if points.shape[1] != len(model.states):
         raise InputError(f"starts has {points.shape[1]} columns: must have {len(model.states)} for {', '.join(model.state_names)}")
     steps = u.shape[-2] if u.ndim >= 2 else 0
