@@ -131,6 +131,13 @@ def backend_of(mode: str, ran: bool = True) -> str:
     return "machine code" if ran else "CasADi's virtual machine (not run long enough)"
 
 
+def compile_after(steps: int, monkeypatch: pytest.MonkeyPatch, load: int) -> None:
+    """A function is compiled after so many steps, and looked for in the cache folder after `load`."""
+    monkeypatch.setattr(loop, "_LOAD", load)
+    monkeypatch.setattr(loop, "_WORTH", steps)
+    monkeypatch.setattr(loop, "_WORTH_EACH", 0)
+
+
 KIND = st.tuples(st.sampled_from(["held", "shared", "own"]), st.sampled_from([0, 1, 3]))
 
 
@@ -162,10 +169,41 @@ KINDS = ["shared", "held", "own"]
 
 @NEEDS_COMPILER
 @MODES
-@pytest.mark.parametrize("steps", [1, 5, 1023, 1024, 1025, 1500, 2049])
+@pytest.mark.parametrize("steps", [1, 5, 1023, 1024, 1500])
 def test_a_long_run_is_cut_into_stretches_without_a_trace(mode: str, steps: int):
     rows = random_rows(steps, KINDS, LAW.widths, 2, steps)
     assert_is_the_loop(LAW.scan(mode), LAW, np.random.default_rng(1).standard_normal((2, 3)), rows, steps)
+
+
+@NEEDS_COMPILER
+@MODES
+@pytest.mark.parametrize("entries", [100, 1 << 18], ids=lambda count: f"stretches of {count} numbers")
+def test_a_scan_that_has_run_many_lengths_is_a_plain_loop_for_the_next(mode: str, entries: int, monkeypatch: pytest.MonkeyPatch):
+    """More lengths than are kept exactly, and results too wide for long stretches."""
+    monkeypatch.setattr(loop, "_ENTRIES", entries)
+    scan = LAW.scan(mode)
+    for steps in (*range(1, 12), 40, 3, 77, 10):
+        assert_is_the_loop(
+            scan, LAW, np.random.default_rng(1).standard_normal((2, 3)), random_rows(steps, KINDS, LAW.widths, 2, steps), steps
+        )
+
+
+@NEEDS_COMPILER
+@MODES
+@pytest.mark.parametrize("index", [[0, 1, 2], [2, 2, 0, 1, 0], [1], []], ids=str)
+def test_a_result_spread_over_more_entries_repeats_them(mode: str, index: list[int], monkeypatch: pytest.MonkeyPatch):
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
+    column, following = ca.vertcat(ca.sin(x[0]) * u, 0), 0.5 * ca.cos(x + u)
+    with mock.patch.dict(os.environ, {machine.SWITCH: mode}):
+        spread, plain = (Scan(x, [u], following, [x - u, result]) for result in (loop.Spread(column, np.array(index, dtype=int)), column))
+    start, u_rows = np.ones((3, 2)), random_rows(2, ["own"], [2], 3, 37)
+    found, expected = spread.run(start, u_rows, 37), plain.run(start, u_rows, 37)
+    assert spread.widths == (2, len(index))
+    np.testing.assert_array_equal(found.results[0], expected.results[0])
+    np.testing.assert_array_equal(found.results[1], expected.results[1][..., index])
+    np.testing.assert_array_equal(found.carries, expected.carries)
+    assert (expected.results[1][..., 2] == 0).all()
+    np.testing.assert_allclose(found.results[0][0, 0], start[0] - u_rows[0][0, 0], rtol=1e-15)
 
 
 @NEEDS_COMPILER
@@ -217,8 +255,7 @@ def test_arrays_may_lie_in_memory_as_they_like(mode: str):
 @NEEDS_COMPILER
 @pytest.mark.parametrize("mode", ["0", "1", ""], ids=["virtual machine", "machine code", "compiled in between"])
 def test_several_threads_may_run_one_scan(mode: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(loop, "_LOAD", 200)
-    monkeypatch.setattr(loop, "_COMPILE", 2_000)
+    compile_after(2_000, monkeypatch, load=200)
     law = random_law(11, 4, [2, 1, 2], [3, 1])
     scan = law.scan(mode)
 
@@ -247,8 +284,11 @@ def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 @NEEDS_COMPILER
-def test_every_operation_gives_the_same_bits_in_machine_code():
-    """Also where products and sums could be fused, and sine and cosine taken at once."""
+@pytest.mark.parametrize("length", ["short", "long"])
+def test_every_operation_gives_the_same_bits_in_machine_code(length: str, monkeypatch: pytest.MonkeyPatch):
+    """Also where products and sums could be fused, sine and cosine taken at once, and compilers told to do less."""
+    if length == "long":
+        monkeypatch.setattr(machine, "LONG", 1)
     x, y = ca.SX.sym("x", 2), ca.SX.sym("y", 2)
     a, b, c, d = x[0], x[1], y[0], y[1]
     results = ca.vertcat(
@@ -378,8 +418,7 @@ def assert_right(scan: Scan) -> None:
 def test_a_function_is_compiled_once_it_has_run_long_enough_and_loaded_sooner_where_it_is_kept(
     kept_in: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(loop, "_LOAD", 3 * STEPS)
-    monkeypatch.setattr(loop, "_COMPILE", 6 * STEPS)
+    compile_after(6 * STEPS, monkeypatch, load=3 * STEPS)
     scan, bits = LAW.scan(""), set()
     for run in range(1, 9):
         bits.add(ran(scan).tobytes())
@@ -394,8 +433,7 @@ def test_a_function_is_compiled_once_it_has_run_long_enough_and_loaded_sooner_wh
 
 @NEEDS_COMPILER
 def test_zero_switches_compiling_off_and_one_compiles_at_once(kept_in: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(loop, "_LOAD", 1)
-    monkeypatch.setattr(loop, "_COMPILE", 1)
+    compile_after(1, monkeypatch, load=1)
     never = LAW.scan("0")
     assert_right(never)
     assert never.backend == backend_of("0")
@@ -428,8 +466,8 @@ def test_a_function_too_long_for_a_compiler_stays_in_the_virtual_machine(monkeyp
 ANSWER = "int answer_scan(void) { return %d; }\n"
 
 
-def answered(number: int) -> machine.Compiled:
-    found = machine.load(ANSWER % number, "answer_scan")
+def answered(number: int, operations: int = 1) -> machine.Compiled:
+    found = machine.load(ANSWER % number, "answer_scan", operations)
     assert found is not None
     return found
 
@@ -464,14 +502,16 @@ def test_a_file_is_kept_for_each_source_set_of_flags_processor_and_compiler(kept
     monkeypatch.setattr(machine, "compiler", lambda: machine.Compiler(str(link), tool.version))
     assert answered(1).entry is not None
     assert len(kept_files(kept_in)) == 6
+    assert answered(1, operations=machine.LONG).entry is not None  # less optimised
+    assert len(kept_files(kept_in)) == 7
 
 
 @NEEDS_COMPILER
 def test_what_is_only_asked_for_is_not_compiled(kept_in: Path):
-    assert machine.load(ANSWER % 5, "answer_scan", only_kept=True) is None
+    assert machine.load(ANSWER % 5, "answer_scan", 1, only_kept=True) is None
     assert not kept_in.exists()
     assert answered(5).entry is not None
-    kept = machine.load(ANSWER % 5, "answer_scan", only_kept=True)
+    kept = machine.load(ANSWER % 5, "answer_scan", 1, only_kept=True)
     assert kept is not None
     assert kept.entry is not None
 
@@ -532,14 +572,14 @@ def test_a_spoiled_file_is_thrown_away_and_made_anew(kept_in: Path, content: byt
 def test_a_file_without_the_function_is_thrown_away(kept_in: Path):
     answered(1)
     (file,) = kept_in.iterdir()
-    other = machine.load(ANSWER.replace("answer", "other") % 2, "other_scan")
+    other = machine.load(ANSWER.replace("answer", "other") % 2, "other_scan", 1)
     assert other is not None
     (kept,) = set(kept_in.iterdir()) - {file}
     key = kept.name
     kept.unlink()
     shutil.copy(file, kept_in / "elsewhere")
     (kept_in / "elsewhere").replace(kept_in / key)
-    found = machine.load(ANSWER.replace("answer", "other") % 2, "other_scan_that_is_missing")
+    found = machine.load(ANSWER.replace("answer", "other") % 2, "other_scan_that_is_missing", 1)
     assert found is not None
     assert found.entry is None
     assert not (kept_in / key).exists()

@@ -135,13 +135,13 @@ def _gramian(problem: DesignProblem) -> _Recursion:
     due = sampled(system, problem.steps, problem.step)
     W, sums = symmetric("W", n)
     moved = ca.Function("moved", [one.x, one.u, one.w, one.Phi], [one.Phi_next])
-    gain = ca.Function("gain", [one.x, shape.free, sums], [packed(block + W) for block in blocks_of(system.model, shape.Phi)])
+    gain = ca.Function("gain", [one.x, shape.free], [packed(block) for block in blocks_of(system.model, shape.Phi)])
     idle = ca.SX.zeros(one.w.numel())
 
     def add(k: int, x: ca.SX, u: ca.SX, carry: ca.SX) -> ca.SX:
         Phi, total = carry[: shape.free.numel()], carry[shape.free.numel() :]
-        for s in np.flatnonzero(due[k]):
-            total = gain.call([x, Phi, total])[s]
+        gained = gain.call([x, Phi])
+        total += sum((gained[s] for s in np.flatnonzero(due[k])), ca.SX.zeros(total.numel()))
         return ca.vertcat(moved(x, u, idle, Phi), total)
 
     start = ca.vertcat(ca.SX(shape.start), ca.SX.zeros(sums.numel()))

@@ -139,7 +139,8 @@ def batch_information(
     """Return W (M, S, n, n), the variational Gramian of each sensor about each of M starts (M, n), every path simulated.
 
     u (N, m) for all or (M, N, m) for each; w (N, p), (M, N, p) or None = 0, unknown inputs. system: one for all, or M systems
-    with the same states, inputs and number of sensors, such as one system with other parameters. executor: any
+    with the same states, inputs and number of sensors, such as one system with other parameters; each that differs is built anew
+    (some 20 ms), so a parameter that varies from start to start is better a state that stays constant. executor: any
     concurrent.futures.Executor of processes; the answer is the same for any number of them.
     Raises InputError for shapes that do not fit, values that are not finite, and a path through a landmark.
     """
