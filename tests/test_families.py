@@ -370,6 +370,28 @@ def test_a_sensor_brings_its_name_noise_rate_and_landmark_into_a_system(kind: st
             assert channel.h.shape == (len(sensor.outputs), 1)
 
 
+@each("SENSORS")
+def test_the_errors_of_a_sensor_reach_the_model_with_a_spread_above_0_and_a_share_of_samples_from_0_to_1(kind: str):
+    for reading in examples("SENSORS", kind):
+        sensor = dataclasses.replace(reading.sensor, inflation=1.5, bias_floor=0.3, correlation=0.5)
+        model = od.System(od.Unicycle(), (sensor,)).model
+        noise = model.channels[0].noise
+        values = ca.Function("noise", [model.x], [noise.spread, noise.gate, noise.variance])
+        for state in reading.states:
+            spread, gate, variance = (float(value) for value in values([state[name] for name in model.state_names]))
+            assert spread > 0
+            assert 0 < gate <= 1
+            assert variance == pytest.approx(1.5**2 * spread**2 * 3 + 0.3**2, rel=1e-12)
+
+
+@pytest.mark.parametrize(("field", "value"), [("inflation", 0.0), ("bias_floor", -0.1), ("correlation", 1.0)])
+@each("SENSORS")
+def test_a_sensor_refuses_errors_that_make_no_sense(kind: str, field: str, value: float):
+    for reading in examples("SENSORS", kind):
+        with pytest.raises(od.InputError, match=rf"^{reading.sensor.name}: {field} is {value!r}: must be a finite number"):
+            dataclasses.replace(reading.sensor, **{field: value})
+
+
 # ---------------------------------------------------------------- paths
 
 LOW, HIGH = np.array([-0.5, 2.0]), np.array([0.5, 9.0])

@@ -451,6 +451,15 @@ def test_the_environment_says_when_to_compile(value: str, expected: str, monkeyp
     assert machine.wish() == expected
 
 
+@NEEDS_COMPILER
+def test_a_scan_keeps_to_what_the_environment_said_when_it_was_built(monkeypatch: pytest.MonkeyPatch):
+    scans = {mode: LAW.scan(mode) for mode in ("0", "1")}
+    for mode, other in (("0", "1"), ("1", "0")):
+        monkeypatch.setenv(machine.SWITCH, other)
+        assert_right(scans[mode])
+        assert scans[mode].backend == backend_of(mode)
+
+
 def test_a_function_too_long_for_a_compiler_stays_in_the_virtual_machine(monkeypatch: pytest.MonkeyPatch, kept_in: Path):
     scan = LAW.scan("1")
     monkeypatch.setattr(machine, "LONGEST", scan.instructions - 1)

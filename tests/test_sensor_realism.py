@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 
+import casadi as ca
 import numpy as np
 import pytest
 from by_hand import slopes
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 
 import obsdesign as od
+from obsdesign.design.transcription import transcribe
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.validation import _draws, _Task
@@ -252,6 +254,24 @@ def test_a_gradient_through_limits_and_growing_noise_is_its_central_differences(
     assert value == od.information_value(SYSTEM, START, INPUTS, STEP, criterion, scale)
     assert np.abs(expected[:-2]).min() > 0
     np.testing.assert_allclose(gradient, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
+
+
+def test_the_program_of_a_design_has_exact_derivatives_through_limits_and_growing_noise():
+    scale, bounds = np.array([5.0, 4.0, 0.3, 1.0, 1.5]), {"speed": (5.0, 12.0), "turn_rate": (-0.6, 0.6)}
+    problem = od.DesignProblem(SYSTEM, START, STEPS * STEP, STEP, od.PiecewiseConstant(4), bounds, scale=scale)
+    p = np.array([[9.0, 0.3], [8.0, -0.4], [10.0, 0.5], [9.5, -0.2]])
+
+    def judged(p: np.ndarray) -> np.ndarray:
+        path = od.simulate(SYSTEM, START, np.repeat(p, STEPS // 4, axis=0), STEP)
+        return od.variational_gramian(SYSTEM, path).total * np.outer(scale, scale)
+
+    information = transcribe(problem).information
+    np.testing.assert_allclose(information(p).full(), judged(p), rtol=1e-9)
+    symbol = ca.SX.sym("p", 4, 2)
+    jacobian = ca.Function("slopes", [symbol], [ca.jacobian(information(symbol), symbol)])(p).full().reshape(5, 5, 2, 4)
+    for i, j in ((0, 0), (0, 2), (2, 2), (1, 4), (3, 3)):
+        expected = slopes(lambda p, i=i, j=j: judged(p)[i, j], p)
+        np.testing.assert_allclose(jacobian[j, i].T, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("distance", [60.0, 300.0, 1e5], ids=lambda value: f"{value:g} m")
