@@ -140,7 +140,7 @@ def peak_memory(steps: int, folder: Path) -> tuple[int, int]:
     """Most memory that a process needs, and what the arrays of the path take, in bytes."""
     environment = os.environ | {"XDG_CACHE_HOME": str(folder)}
     command = [sys.executable, "-c", MEASURED, str(steps)]
-    said = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=280).stdout
+    said = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=True, timeout=280).stdout
     peak, arrays = map(int, said.split())
     return peak * (1 if sys.platform == "darwin" else 1024), arrays
 

@@ -616,21 +616,27 @@ print(scan.backend, run.carry.tobytes().hex(), run.results[0].tobytes().hex())
 
 
 @NEEDS_COMPILER
-def test_two_processes_that_compile_the_same_function_at_once_leave_one_file(tmp_path: Path):
+def test_two_processes_that_compile_the_same_function_at_once_leave_one_file_that_was_never_seen_half_made(tmp_path: Path):
     folder, go, ready = tmp_path / "compiled", tmp_path / "go", [tmp_path / "first", tmp_path / "second"]
     environment = os.environ | {machine.SWITCH: "1"}
     processes = [
-        subprocess.Popen([sys.executable, "-c", AT_ONCE, folder, go, me], env=environment, stdout=subprocess.PIPE, text=True)
+        subprocess.Popen([sys.executable, "-c", AT_ONCE, folder, go, me], env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
         for me in ready
     ]
     while not all(me.exists() for me in ready) and all(process.poll() is None for process in processes):
         time.sleep(0.01)
     go.touch()
+    seen = set()
+    while any(process.poll() is None for process in processes):
+        seen.update(file.read_bytes() for file in folder.glob("*.so"))
+        time.sleep(0.001)
     said = [process.communicate(timeout=120)[0] for process in processes]
     assert [process.returncode for process in processes] == [0, 0]
     assert said[0] == said[1]
     assert said[0].startswith("machine code ")
-    assert [file.suffix for file in folder.iterdir()] == [".so"]
+    (kept,) = folder.iterdir()
+    assert kept.suffix == ".so"
+    assert seen <= {kept.read_bytes()}
 
 
 # ---------------------------------------------------------------- without a compiler, or without a place for what it makes
@@ -725,5 +731,5 @@ def test_a_cache_folder_whose_files_must_not_be_run_is_no_harm(kept_in: Path, mo
 def test_compiled_functions_are_kept_in_the_cache_folder_of_the_user(tmp_path: Path):
     command = "from obsdesign import compile; print(compile.folder())"
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
-    said = subprocess.run([sys.executable, "-c", command], env=environment, capture_output=True, text=True, check=True).stdout
+    said = subprocess.run([sys.executable, "-c", command], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert Path(said.strip()) == tmp_path / "obsdesign" / "compiled"

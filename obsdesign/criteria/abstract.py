@@ -45,7 +45,7 @@ class AbstractCriterion(ABC):
     @property
     @abstractmethod
     def knowledge(self) -> Knowledge | None:
-        """What a design takes for W: None = the samples' information about x(t_0), else the posterior information about x(t_N)."""
+        """What a design takes for W: None = the samples' information about x(t_0), else the posterior's about x(t_N-1)."""
 
     @abstractmethod
     def value(self, W: np.ndarray) -> float:

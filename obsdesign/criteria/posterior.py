@@ -1,4 +1,4 @@
-"""What a filter can know in the end."""
+"""What a filter can know after the last samples."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Posterior(AbstractCriterion):
-    """Another criterion of J, the posterior information about x(t_N), in the place of W, the samples' about x(t_0).
+    """Another criterion of J, the posterior information about x(t_N-1) after its samples, in the place of W about x(t_0).
 
-    J is that of `posterior_information` with the prior of x(t_0), disturbance_psd None, (n,) or (n, n) [unit^2/s] and unknown
-    inputs by name. It is not additive over sensors and steps: no schedule is optimal for it.
+    Not about x(t_N): an unknown input has by then moved the state anywhere. J is that of `posterior_information` with the prior
+    of x(t_0), disturbance_psd None, (n,) or (n, n) [unit^2/s] and unknown inputs by name. It is not additive over sensors and
+    steps: no schedule is optimal for it.
     """
 
     prior: Prior

@@ -95,11 +95,11 @@ class DesignProblem:
         return self.criterion.value(self.scaled(self.judged(path)))
 
     def judged(self, path: Trajectory) -> np.ndarray:
-        """Return the matrix (n, n) that the criterion judges: W about x(t_0), or the posterior J about x(t_N)."""
+        """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""
         known = self.criterion.knowledge
         if known is None:
             return segment_information(self.system, path, 1)[0].sum(axis=0)
-        return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-1]
+        return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-2]
 
     def margins(self, x: np.ndarray) -> np.ndarray:
         """All constraint margins of the states x (N+1, n); a path is feasible where all are >= 0."""

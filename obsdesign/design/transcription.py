@@ -11,8 +11,8 @@ import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge, Lift
 from obsdesign.design.problem import DesignProblem, margins_of
-from obsdesign.information.posterior import disturbance_of, posterior_step
-from obsdesign.information.recursion import packed, packed_values, symmetric
+from obsdesign.information.posterior import disturbance_of, posterior_start, posterior_step
+from obsdesign.information.recursion import packed, symmetric
 from obsdesign.information.sampling import sampled
 from obsdesign.information.totals import stepped
 from obsdesign.simulation import simulate
@@ -150,16 +150,24 @@ def _gramian(problem: DesignProblem) -> _Recursion:
 
 
 def _posterior(problem: DesignProblem, known: Knowledge) -> _Recursion:
-    """Carry: lower triangle of J."""
+    """Carry: T, a root of J = T'T, column by column."""
     system = problem.system
     idle = simulate(system, problem.x0, np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1)), problem.step)
     disturbance = disturbance_of(system, idle, known.prior, known.disturbance_psd, known.unknown_inputs)
     due = sampled(system, problem.steps, problem.step).astype(float)
     recursion = posterior_step(system.model, problem.step, disturbance)
-    J, lower = symmetric("J", len(problem.x0))
-    judged = ca.Function("judged", [lower], [J])
-    start = ca.SX(packed_values(known.prior.information))
-    return start, lambda k, x, u, carry: recursion(carry, x, u, due[k]), judged
+    n = len(problem.x0)
+    start = ca.SX(posterior_start(known.prior))
+
+    def judged(carry: ca.SX) -> ca.SX:
+        T = ca.reshape(carry, n, n)
+        return T.T @ T
+
+    def add(k: int, x: ca.SX, u: ca.SX, carry: ca.SX) -> ca.SX:
+        before_next, after_samples = recursion.call([carry, x, u, due[k]])
+        return after_samples if k == problem.steps - 1 else before_next
+
+    return start, add, judged
 
 
 def _margins(problem: DesignProblem, x: ca.SX) -> ca.SX:

@@ -46,7 +46,7 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
     Raises InputError as variational_gramian, and unless eps > 0.
     """
     require_fit(system, path)
-    size = _perturbation_of(system, eps)
+    size = perturbation_of(system, eps)
     reference = variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
     sampler = partial(_difference_samples, system, size)
     if weighted:
@@ -105,7 +105,8 @@ def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, u: np.ndarray, s
     return _sensitivities(system, x, u, step, weighted)[1]
 
 
-def _perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
+def perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
+    """Return eps (n,) for each state; raise InputError unless it is one number above 0, or one for each state."""
     names = system.model.state_names
     size = np.asarray(eps, dtype=float)
     if size.shape not in {(), (len(names),)}:

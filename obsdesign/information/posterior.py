@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import require_known
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.recursion import Disturbance, packed, packed_values, predicted, shaken, symmetric, unpacked
+from obsdesign.information.recursion import Disturbance, Root, packed, shaken, symmetric
 from obsdesign.information.sampling import sampled, with_derivatives
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.prior import Prior
@@ -20,6 +20,8 @@ from obsdesign.scan import Scan
 from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
 from obsdesign.trajectory import Trajectory
 
+_UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding
+_CLOSED = 1e-300  # so that the root of a gate has a derivative where it is closed
 _TOLD_APART = 1e-12  # smallest eigenvalue, at unit diagonal, of what the outputs say about constant inputs
 
 
@@ -34,6 +36,7 @@ def posterior_information(
     """Return J (N+1, n, n), the information about x(t_k): J[k] includes the samples at t_k for k < N, J[N] is predicted.
 
     J+ = M - M B (B'M B + Q^-1)^# B'M + C'R^-1 C,  M = F^-T J F^-1,  J_0 = P_0^-1 + C'R^-1 C; for an unknown input Q^-1 = 0.
+    Computed with square roots of J, so that what is lost to an unknown input is lost to the last digit.
     disturbance_psd: None, (n,) or (n, n) in unit^2/s, Q = psd * step; active (N, S) bool: which sensors are on, None = all.
     Raises InputError for shapes that do not fit, unknown names, and unknown inputs of which a combination leaves no trace in
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
@@ -42,10 +45,8 @@ def posterior_information(
     weights = weights_of(system, path, active)
     if disturbance.unknown:
         _backwards(system, path, disturbance, weights)
-    carry, J = _forward(system.model, path.step, disturbance).along(packed_values(prior.information), path.x[:-1], path.u, weights)
-    n = path.x.shape[1]
-    found = np.concatenate([J.reshape(-1, n, n), unpacked(carry[-1:], n)])
-    return found if np.isfinite(found).all() else _refused(found, system, path, weights)
+    roots = _roots(system, path, prior, disturbance, weights)
+    return roots.swapaxes(1, 2) @ roots
 
 
 def unknown_input_information(
@@ -66,11 +67,12 @@ def unknown_input_information(
         raise InputError("unknown_inputs is empty: there is no input to know anything of")
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     weights = weights_of(system, path, active)
-    J = posterior_information(system, path, prior, disturbance_psd, unknown_inputs, active)[:-1]
-    joint = _backwards(system, path, disturbance, weights)
+    later = _backwards(system, path, disturbance, weights)
+    roots = _roots(system, path, prior, disturbance, weights)[:-1]
     n = path.x.shape[1]
-    joint[:, :n, :n] += J
-    return _schur(joint, n)
+    about_state = np.concatenate([roots, later[:, :, :n]], axis=1)
+    about_input = np.concatenate([np.zeros_like(later[:, :, n:]), later[:, :, n:]], axis=1)
+    return _left_of(about_input, about_state)
 
 
 def disturbance_of(
@@ -113,62 +115,86 @@ def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | No
     return (due & np.asarray(active, dtype=bool)).astype(float)
 
 
-def gained(model: Model, weights: ca.SX) -> ca.SX:
-    """C'R^-1 C (n, n) of those sensors whose weight (S, 1) is not 0, about the state of that instant."""
-    n = len(model.states)
-    blocks = blocks_of(model, ca.SX.eye(n))
-    # not a product: where a sensor that is off has no derivative, nothing is lost
-    return sum((ca.if_else(weights[s], block, 0) for s, block in enumerate(blocks)), ca.SX.zeros(n, n))
+def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
+    """(g / R)^1/2 C (q, n) of those sensors whose weight (S, 1) is not 0, about the state of that instant."""
+    rows = []
+    for s, channel in enumerate(model.channels):
+        root = ca.sqrt(channel.noise.gate / channel.noise.variance + _CLOSED)
+        C = ca.jacobian(channel.h, model.x)
+        # not a product: where a sensor that is off has no derivative, nothing is lost
+        rows.append(ca.if_else(weights[s], root * C, ca.SX(*C.shape)))
+    return ca.vertcat(*rows)
 
 
 def posterior_step(model: Model, step: float, disturbance: Disturbance) -> ca.Function:
-    """Return (J before the samples of t_k, x_k, u_k, active (S,)) -> J before those of t_k+1, both as lower triangles: for a design."""
+    """Return (carry before the samples of t_k, x_k, u_k, active (S,)) -> (carry before those of t_k+1, R after those of t_k).
+
+    The carry is (T, rounding): T'T the information, T and R column by column; see `Root`.
+    """
     one, weights = step_of(model, step).without_disturbance(), ca.SX.sym("active", len(model.channels))
-    J, carry = symmetric("J", len(model.states))
-    known = J + gained(model, weights)
-    return ca.Function("posterior", [carry, one.x, one.u, weights], [packed(predicted(known, one.F, one.B_w, disturbance))])
+    n = len(model.states)
+    T, rounding = ca.SX.sym("T", n, n), ca.SX.sym("rounding", n)
+    known = Root(T, rounding).with_rows(_sample_rows(model, weights))
+    later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
+    carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
+    return ca.Function("posterior", [ca.vertcat(ca.vec(T), rounding), one.x, one.u, weights], [carry_next, ca.vec(ca.densify(known.T))])
+
+
+def posterior_start(prior: Prior) -> np.ndarray:
+    """Return the carry (n n + n,) before the samples of t_0."""
+    root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
+    return np.concatenate([root.ravel(order="F"), np.zeros(len(root))])
 
 
 @lru_cache(CACHED)
 def _forward(model: Model, step: float, disturbance: Disturbance) -> Scan:
-    one, weights = step_of(model, step).without_disturbance(), ca.SX.sym("active", len(model.channels))
-    J, carry = symmetric("J", len(model.states))
-    carry_next = posterior_step(model, step, disturbance)(carry, one.x, one.u, weights)
-    return Scan(carry, [one.x, one.u, weights], carry_next, [dense_blocks([J + gained(model, weights)])])
+    function = posterior_step(model, step, disturbance)
+    carry, *rows = function.sx_in()
+    carry_next, R = function.call([carry, *rows])
+    return Scan(carry, rows, carry_next, [R])
+
+
+def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
+    """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
+    n = path.x.shape[1]
+    rows = [path.x[:-1], path.u, weights]
+    run = _forward(system.model, path.step, disturbance).run(posterior_start(prior)[None], rows, path.steps, carries=False)
+    columns = np.concatenate([run.results[0][0], run.carry[:, : n * n]])
+    if not np.isfinite(columns).all():
+        _refuse(columns, system, path, weights)
+    return columns.reshape(-1, n, n).swapaxes(1, 2)
 
 
 @lru_cache(CACHED)
 def _backward(model: Model, step: float, disturbance: Disturbance) -> Scan:
-    """(what later samples say about x_k+1, the same if all later inputs were known) -> the same about x_k.
+    """(root of what later samples say about x_k+1, the square of it if all inputs were known) -> the same about x_k.
 
-    Results: [F B]'L [F B] (n + p, n + p) about (x_k, w_k), and B'L B (p, p) if all else were known.
+    Results: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k); and B'L'L B if all were known.
     """
     one = step_of(model, step).without_disturbance()
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
-    (later, first), (alone, second) = symmetric("later", n), symmetric("alone", n)
-    B = one.B_w[:, list(disturbance.unknown)]
-    sample = gained(model, weights)
-    noisy = shaken(later, one.B_w, Disturbance((), disturbance.noise))
-    both = ca.horzcat(one.F, B)
-    earlier = one.F.T @ shaken(noisy, one.B_w, Disturbance(disturbance.unknown, ((),) * n)) @ one.F + sample
-    carry_next = ca.vertcat(packed(earlier), packed(one.F.T @ alone @ one.F + sample))
-    return Scan(
-        ca.vertcat(first, second),
-        [one.x, one.u, weights],
-        carry_next,
-        [dense_blocks([both.T @ noisy @ both]), dense_blocks([B.T @ alone @ B])],
-    )
+    L, rounding, (alone, second) = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n), symmetric("alone", n)
+    B, samples = one.B_w[:, list(disturbance.unknown)], _sample_rows(model, weights)
+    noisy = shaken(Root(L, rounding), one.B_w, Disturbance((), disturbance.noise))
+    left = shaken(noisy, one.B_w, Disturbance(disturbance.unknown, ((),) * n))
+    earlier = left.carried(one.F).with_rows(samples)
+    square = packed(one.F.T @ alone @ one.F + samples.T @ samples)
+    carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding, square)
+    results = [ca.vec(ca.densify(noisy.T @ ca.horzcat(one.F, B))), ca.vec(ca.densify(B.T @ alone @ B))]
+    return Scan(ca.vertcat(ca.vec(L), rounding, second), [one.x, one.u, weights], carry_next, results)
 
 
 def _backwards(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
-    """Return (N, n + p, n + p), what later samples say about (x_k, w_k); raise InputError for inputs that leave no trace."""
+    """Return (N, n, n + p), roots of what later samples say about (x_k, w_k); raise InputError for inputs that leave no trace."""
     n, p = path.x.shape[1], len(disturbance.unknown)
     scan = _backward(system.model, path.step, disturbance)
-    _, joint, alone = scan.along(np.zeros(n * (n + 1)), path.x[-2::-1], path.u[::-1], weights[::-1])
-    if not np.isfinite(joint).all():
-        _refused(joint[::-1], system, path, weights)
+    start = np.zeros((1, n * n + n + n * (n + 1) // 2))
+    run = scan.run(start, [path.x[-2::-1], path.u[::-1], weights[::-1]], path.steps, carries=False)
+    later, alone = run.results[0][0, ::-1], run.results[1][0]
+    if not np.isfinite(later).all():
+        _refuse(later, system, path, weights)
     _require_trace(system, disturbance, alone.reshape(-1, p, p).sum(axis=0))
-    return joint[::-1].reshape(-1, n + p, n + p).copy()
+    return later.reshape(-1, n + p, n).swapaxes(1, 2)
 
 
 def _require_trace(system: AbstractSystem, disturbance: Disturbance, seen: np.ndarray) -> None:
@@ -186,23 +212,19 @@ def _require_trace(system: AbstractSystem, disturbance: Disturbance, seen: np.nd
         raise InputError(f"unknown_inputs cannot be told apart from the outputs along this path: {words} leaves no trace in any of them")
 
 
-def _schur(joint: np.ndarray, n: int) -> np.ndarray:
-    """D - B'A^# B for joint = [A B; B' D] (N, n + p, n + p), A (n, n): balanced, then without the directions A is blind to."""
-    A, B, D = joint[:, :n, :n], joint[:, :n, n:], joint[:, n:, n:]
-    diagonal = np.diagonal(A, axis1=1, axis2=2)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(A * scale[:, :, None] * scale[:, None, :])
-    kept = values > n * np.finfo(float).eps * np.maximum(values[:, -1:], 1.0)
-    rotated = np.einsum("kij,kia->kja", vectors, B * scale[:, :, None])
-    weighted = np.where(kept, 1 / np.where(kept, values, 1.0), 0.0)[:, :, None] * rotated
-    left = D - np.einsum("kia,kib->kab", rotated, weighted)
-    # what is left of D after a cancellation to the last digit is rounding
-    size = np.sqrt(np.abs(np.diagonal(D, axis1=1, axis2=2)))
-    left[np.abs(left) < 1e-12 * size[:, :, None] * size[:, None, :]] = 0.0
-    return (left + left.swapaxes(1, 2)) / 2
+def _left_of(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:
+    """Information (N, p, p) of rows (N, m, p) about inputs when the state, of rows (N, m, n), has taken what it can explain."""
+    size = np.linalg.norm(about_state, axis=1, keepdims=True)
+    U, values, _ = np.linalg.svd(about_state / np.where(size > 0, size, 1.0), full_matrices=False)
+    U = np.where((values > _UNSEEN * values[:, :1])[:, None, :], U, 0.0)
+    left = about_input - U @ (U.swapaxes(1, 2) @ about_input)
+    # what is left after a cancellation to the last digits is rounding
+    noticed = np.linalg.norm(about_input, axis=1, keepdims=True)
+    left = np.where(np.linalg.norm(left, axis=1, keepdims=True) > _UNSEEN * noticed, left, 0.0)
+    return left.swapaxes(1, 2) @ left
 
 
-def _refused(found: np.ndarray, system: AbstractSystem, path: Trajectory, weights: np.ndarray) -> np.ndarray:
+def _refuse(found: np.ndarray, system: AbstractSystem, path: Trajectory, weights: np.ndarray) -> None:
     """Raise InputError with the sensor and the step that have no derivative, or else say that numbers ran away."""
     n = path.x.shape[1]
     one = _local(system.model).along(np.empty(0), path.x[:-1])[1].reshape(path.steps, -1, n, n)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-_UNSEEN = 1e-13  # share of its size below which what is known of an input is rounding
+_EPS = float(np.finfo(float).eps)
+_UNSURE = 1e3  # how many times the bound on its rounding a number must have to mean anything
 
 
 @dataclass(frozen=True)
@@ -55,32 +56,76 @@ def lower_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
-def predicted(J: ca.SX, F: ca.SX, B_w: ca.SX, disturbance: Disturbance) -> ca.SX:
-    """J+ = M - M B (B'M B + Q^-1)^# B'M with M = F^-T J F^-1: what is known of x(t_k+1) of what was known of x(t_k).
+def triangular(rows: ca.SX) -> ca.SX:
+    """Return upper triangular R (n, n) with R'R = A'A for rows A (m, n), m >= n, by Householder's reflections."""
+    m, n = rows.shape
+    A = [[rows[i, j] for j in range(n)] for i in range(m)]
+    for j in range(n):
+        below = [i for i in range(j, m) if not A[i][j].is_zero()]
+        if below and below != [j]:
+            _reflect(A, sorted({j, *below}), j)
+    return ca.vertcat(*[ca.horzcat(*[A[i][j] if j >= i else ca.SX(1, 1) for j in range(n)]) for i in range(n)])
 
-    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I.
+
+def _reflect(A: list[list[ca.SX]], rows: list[int], column: int) -> None:
+    """Turn the given rows so that only the first of them has an entry in the column; in place."""
+    x = [A[i][column] for i in rows]
+    size = ca.sumsqr(ca.vertcat(*x))
+    some = size != 0  # true for nan, which must not be lost
+    norm = ca.if_else(some, ca.sqrt(ca.if_else(some, size, 1)), 0)
+    signed = ca.if_else(x[0] >= 0, norm, -norm)
+    v = [x[0] + signed, *x[1:]]
+    share = ca.if_else(some, 1 / ca.if_else(some, norm * (norm + ca.fabs(x[0])), 1), 0)
+    for j in range(column + 1, len(A[0])):
+        if all(A[i][j].is_zero() for i in rows):
+            continue
+        along = share * sum((v[k] * A[i][j] for k, i in enumerate(rows)), ca.SX(0))
+        for k, i in enumerate(rows):
+            A[i][j] -= along * v[k]
+    A[rows[0]][column] = -signed
+    for i in rows[1:]:
+        A[i][column] = ca.SX(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """T (m, n), T'T the information; rounding (n, 1): a bound on what rounding may have left in each column of T.
+
+    Without the bound, what is left of a column after an unknown input has taken it could not be told from knowledge.
     """
-    inverse = ca.solve(F, ca.SX.eye(F.shape[0]))
-    return shaken(inverse.T @ J @ inverse, B_w, disturbance)
+
+    T: ca.SX
+    rounding: ca.SX
+
+    def carried(self, F: ca.SX) -> Root:
+        """Return the root about y where this one is about F y."""
+        return Root(self.T @ F, ca.fabs(F).T @ (self.rounding + _EPS * ca.sum1(ca.fabs(self.T)).T))
+
+    def with_rows(self, rows: ca.SX) -> Root:
+        """Return the upper triangular root of what both know."""
+        return Root(triangular(ca.vertcat(self.T, rows)), self.rounding + _EPS * ca.sum1(ca.fabs(rows)).T)
 
 
-def shaken(M: ca.SX, B_w: ca.SX, disturbance: Disturbance) -> ca.SX:
-    """M - M B (B'M B + Q^-1)^# B'M, one column of B after the other: each is a sum over a scalar, whatever their number."""
+def shaken(root: Root, B_w: ca.SX, disturbance: Disturbance) -> Root:
+    """Return the root of M - M B (B'M B + Q^-1)^# B'M with M = T'T, one column of B after the other.
+
+    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I. Roots keep what squares lose: where
+    nothing is known any more, what is left is the square of rounding.
+    """
+    T, rounding = root.T, root.rounding
     for column in disturbance.unknown:
-        M = _without(M, B_w[:, column], 0.0)
+        T = _projected(T, B_w[:, column], rounding + _EPS * ca.sum1(ca.fabs(root.T)).T)
     L = ca.sparsify(ca.SX(ca.DM(disturbance.L)))
     for column in range(L.shape[1]):
-        M = _without(M, L[:, column], 1.0)
-    return M
+        g = T @ L[:, column]
+        norm = ca.sqrt(1 + ca.sumsqr(g))
+        T = T - g @ (g.T @ T) / (norm * (norm + 1))  # (I + g g')^(-1/2) T
+    return Root(T, rounding + _EPS * ca.sum1(ca.fabs(root.T)).T)
 
 
-def _without(M: ca.SX, b: ca.SX, certainty: float) -> ca.SX:
-    """M - M b (b'M b + certainty)^# b'M: information after an input along b, known with that certainty, was eliminated."""
-    along = M @ b
-    known = b.T @ along + certainty
-    if certainty:
-        return M - along @ along.T / known
-    # the pseudo-inverse of a scalar; b'M b is rounding where M is blind to b, judged by the size it would have without
-    size = ca.sumsqr(b * ca.sqrt(ca.fmax(ca.diag(M), 0)))
-    seen = known > _UNSEEN * size
-    return M - along @ along.T * ca.if_else(seen, 1 / ca.if_else(seen, known, 1), 0)
+def _projected(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
+    """(I - g g' / g'g) T with g = T b: what rows say whatever moves along b; T itself where they do not notice."""
+    g, unsure = T @ b, _UNSURE * (rounding.T @ ca.fabs(b))
+    known = ca.sumsqr(g)
+    seen = known > unsure * unsure
+    return T - ca.if_else(seen, 1 / ca.if_else(seen, known, 1), 0) * (g @ (g.T @ T))

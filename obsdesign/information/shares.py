@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.checks import require_positive
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information, standard_deviations
 from obsdesign.model import AbstractSystem
@@ -64,14 +65,16 @@ def contributions(
             f"information {information.blocks.shape} is not of this system: {len(system.model.channels)} sensors, {len(states)} states"
         )
     S = np.ones(len(states)) if scale is None else as_state(system, scale, "scale")
+    for state, unit in zip(states, S, strict=True):
+        require_positive(f"scale of {state.name}", float(unit))
     blocks = information.by_segment(len(information.blocks) if segments is None else segments)
     W = blocks.sum(axis=(0, 1))
     std = standard_deviations(W)
     shares = np.stack([_shares(blocks, v) for v in _profiles(W, std)])
     values, vectors = np.linalg.eigh(W * S[:, None] * S)
-    return Contributions(
-        states, information.names, std, shares, vectors[:, 0], max(float(values[0]), 0.0), _shares(blocks, S * vectors[:, 0])
-    )
+    seen = values[0] > len(W) * np.finfo(float).eps * values[-1]
+    weakest = _shares(blocks, S * vectors[:, 0]) if seen else np.full(blocks.shape[:2], np.nan)
+    return Contributions(states, information.names, std, shares, vectors[:, 0], float(values[0]) if seen else 0.0, weakest)
 
 
 def _profiles(W: np.ndarray, std: np.ndarray) -> np.ndarray:
