@@ -139,9 +139,9 @@ def test_ids_are_unique_and_every_reference_has_its_target(page):
 
 
 def test_every_figure_is_a_scalable_drawing_with_a_caption(page):
-    assert len(re.findall(r'<figure class="picture">\s*<svg viewBox="[^"]+" role="img" aria-label="[^"]+">', page)) == 7
-    assert Document(page).count("svg") == 7
-    assert len(re.findall(r"</svg>\s*<figcaption>[^<]{20,}", page)) == 7
+    assert len(re.findall(r'<figure class="picture">\s*<svg viewBox="[^"]+" role="img" aria-label="[^"]+">', page)) == 8
+    assert Document(page).count("svg") == 8
+    assert len(re.findall(r"</svg>\s*<figcaption>[^<]{20,}", page)) == 8
 
 
 def test_every_table_says_what_is_good(page):
