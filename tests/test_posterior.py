@@ -52,7 +52,7 @@ def exact(values: np.ndarray) -> arb_mat:
     return arb_mat([[arb(float(value)) for value in row] for row in values])
 
 
-def schur(A: arb_mat, kept: Sequence[int]) -> np.ndarray:
+def eliminated(A: arb_mat, kept: Sequence[int]) -> arb_mat:
     """A_kk - A_ke A_ee^# A_ek: largest pivots first, those that are nothing for 600 bits left out."""
     rows = [[A[i, j] for j in range(A.ncols())] for i in range(A.nrows())]
     rest = set(range(len(rows))) - set(kept)
@@ -66,7 +66,16 @@ def schur(A: arb_mat, kept: Sequence[int]) -> np.ndarray:
             factor = rows[i][pivot] / rows[pivot][pivot]
             for j in touched:
                 rows[i][j] -= factor * rows[pivot][j]
-    return np.array([[float(rows[i][j]) for j in kept] for i in kept])
+    return arb_mat([[rows[i][j].mid() for j in kept] for i in kept])
+
+
+def schur(A: arb_mat, kept: Sequence[int]) -> np.ndarray:
+    """The same in doubles."""
+    return doubles(eliminated(A, kept))
+
+
+def doubles(A: arb_mat) -> np.ndarray:
+    return np.array([[float(A[i, j]) for j in range(A.ncols())] for i in range(A.nrows())])
 
 
 @pytest.fixture(autouse=True)
@@ -125,7 +134,7 @@ class Stack:
         A = self.matrix(0, len(self.F))
         for k in steps:
             kept = range(n + k * r + self.known, n + (k + 1) * r)
-            yield k, schur(A, kept), np.array([[float(A[i, j]) for j in kept] for i in kept])
+            yield k, schur(A, kept), doubles(A)[np.ix_(kept, kept)]
 
     def _kick(self, k: int) -> arb_mat:
         n, r = self.kicks[k].shape
@@ -179,7 +188,7 @@ def unknown_case(
 @NOISES
 @pytest.mark.parametrize(
     ("vehicle", "unknown"),
-    [(od.Dubins(15.0, wind="unknown"), (0, 1)), (Swinging(), (0, 1)), (Swinging(), (1,))],
+    [(od.Dubins(15.0, wind="unknown"), (0, 1)), (Swinging(), (0, 1)), pytest.param(Swinging(), (1,), marks=pytest.mark.slow)],
     ids=["wind", "gust and push", "push"],
 )
 def test_what_is_known_of_an_input_is_the_schur_complement_of_stacked_least_squares(
@@ -252,6 +261,43 @@ def test_the_posterior_with_inputs_unseen_between_samples_is_the_schur_complemen
     size = od.posterior_information(system, path, prior)  # what would be known without anything unknown
     for k in (0, 1, 2, 3, 4, 7, 9, 10):
         assert_close(J[k], stack.of_state(k, min(k + 1, SHORT)), 1e-8, size[k])
+
+
+def walked(stack: Stack) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """J_k, and what is known of each unknown input: eliminated step by step, forwards and backwards, still in exact arithmetic."""
+    n, r = stack.kicks[0].shape
+    N, state = len(stack.F), range(len(stack.prior))
+    known = exact(np.diag([0.0] * n + [float(i < stack.known) for i in range(r)]))
+    moves = [exact(np.hstack([F, K])) for F, K in zip(stack.F, stack.kicks, strict=True)]  # x_(k+1) of (x_k, e_k)
+    backs = [exact(np.vstack([np.hstack([F, K]), np.eye(r, n + r, n)])).inv() for F, K in zip(stack.F, stack.kicks, strict=True)]
+    samples = [exact(rows.T @ rows) if len(rows) else exact(np.zeros((n, n))) for rows in stack.rows]
+    J = [exact(stack.prior) + samples[0]]
+    for k in range(N):
+        at_start = known + exact(np.eye(n + r, n)) * J[k] * exact(np.eye(n, n + r))
+        J.append(eliminated(backs[k].transpose() * at_start * backs[k], state))
+        if k + 1 < N:
+            J[-1] += samples[k + 1]
+    later, inputs = exact(np.zeros((n, n))), []
+    for k in reversed(range(N)):
+        joint = known + moves[k].transpose() * later * moves[k]
+        inputs.append(schur(joint + exact(np.eye(n + r, n)) * J[k] * exact(np.eye(n, n + r)), range(n + stack.known, n + r)))
+        later = eliminated(joint, state) + samples[k]
+    return [doubles(value) for value in J], inputs[::-1]
+
+
+@NOISES
+@pytest.mark.parametrize("name", ["every step", "gps once a second, compass and bearing"])
+def test_rounding_does_not_grow_along_a_long_path(name: str, psd: np.ndarray | None):
+    """Its steps shrink some directions: their inverses, one after the other, enlarge whatever is carried along unchecked."""
+    sensors, steps = SENSOR_SETS[name], 300
+    system, prior, unknown = od.System(Swinging(), sensors), correlated_prior(4), ("gust", "push")
+    path = flown(system, steps=steps)
+    J, inputs = walked(stack_of(path, sensors, prior, psd, (0, 1)))
+    found = od.posterior_information(system, path, prior, psd, unknown)
+    assert_close(found, np.array(J), 1e-8, od.posterior_information(system, path, prior))
+    about = od.unknown_input_information(system, path, prior, psd, unknown)
+    alone = od.unknown_input_information(system, path, od.Prior(prior.mean, std=[1e-9] * 4), None, unknown)
+    assert_close(about, np.array(inputs), 1e-7, np.broadcast_to(alone.max(axis=0), about.shape))
 
 
 # ---------------------------------------------------------------- the posterior as what a design is judged by

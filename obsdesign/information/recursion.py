@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 _EPS = float(np.finfo(float).eps)
+_MEMORY = 0.1  # how much of the rounding of one step counts in the next: unknown inputs wipe it out as well
 _UNSURE = 1e3  # how many times the bound on its rounding a number must have to mean anything
 
 
@@ -89,9 +90,9 @@ def _reflect(A: list[list[ca.SX]], rows: list[int], column: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Root:
-    """T (m, n), T'T the information; rounding (n, 1): a bound on what rounding may have left in each column of T.
+    """T (m, n), T'T the information; rounding (n, 1): what rounding may have left in each column of T, of late.
 
-    Without the bound, what is left of a column after an unknown input has taken it could not be told from knowledge.
+    Without it, what is left of a column after an unknown input has taken it could not be told from knowledge.
     """
 
     T: ca.SX
@@ -99,11 +100,16 @@ class Root:
 
     def carried(self, F: ca.SX) -> Root:
         """Return the root about y where this one is about F y."""
-        return Root(self.T @ F, ca.fabs(F).T @ (self.rounding + _EPS * ca.sum1(ca.fabs(self.T)).T))
+        return Root(self.T @ F, ca.fabs(F).T @ (_MEMORY * self.rounding + _round_off(self.T)))
 
     def with_rows(self, rows: ca.SX) -> Root:
         """Return the upper triangular root of what both know."""
-        return Root(triangular(ca.vertcat(self.T, rows)), self.rounding + _EPS * ca.sum1(ca.fabs(rows)).T)
+        return Root(triangular(ca.vertcat(self.T, rows)), self.rounding + _round_off(rows))
+
+
+def _round_off(T: ca.SX) -> ca.SX:
+    """Rounding (n, 1) of sums of the entries of each column."""
+    return _EPS * ca.sum1(ca.fabs(T)).T
 
 
 def shaken(root: Root, B_w: ca.SX, disturbance: Disturbance) -> Root:
@@ -112,15 +118,17 @@ def shaken(root: Root, B_w: ca.SX, disturbance: Disturbance) -> Root:
     B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I. Roots keep what squares lose: where
     nothing is known any more, what is left is the square of rounding.
     """
-    T, rounding = root.T, root.rounding
+    T, rounding = root.T, root.rounding + _round_off(root.T)
     for column in disturbance.unknown:
-        T = _projected(T, B_w[:, column], rounding + _EPS * ca.sum1(ca.fabs(root.T)).T)
+        T = _projected(T, B_w[:, column], rounding)
+    for column in 2 * disturbance.unknown:  # twice: one may undo a little of the other
+        T = _blind(T, B_w[:, column], rounding)
     L = ca.sparsify(ca.SX(ca.DM(disturbance.L)))
     for column in range(L.shape[1]):
         g = T @ L[:, column]
         norm = ca.sqrt(1 + ca.sumsqr(g))
         T = T - g @ (g.T @ T) / (norm * (norm + 1))  # (I + g g')^(-1/2) T
-    return Root(T, rounding + _EPS * ca.sum1(ca.fabs(root.T)).T)
+    return Root(T, rounding)
 
 
 def _projected(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
@@ -129,3 +137,11 @@ def _projected(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
     known = ca.sumsqr(g)
     seen = known > unsure * unsure
     return T - ca.if_else(seen, 1 / ca.if_else(seen, known, 1), 0) * (g @ (g.T @ T))
+
+
+def _blind(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
+    """T with T b = 0 restored, which was so but for rounding: else that would grow from step to step. Changes columns by their rounding."""
+    share = rounding * rounding * b
+    size = b.T @ share
+    some = size > 0
+    return T - ca.if_else(some, 1 / ca.if_else(some, size, 1), 0) * ((T @ b) @ share.T)
