@@ -26,6 +26,22 @@ def require_within(what: str, value: Any, below: float = math.inf) -> None:  # n
         raise InputError(f"{what} is {value!r}: must be a finite number of at least 0{upper}")
 
 
+def as_array(what: str, value: Any) -> np.ndarray:  # noqa: ANN401  # whatever a caller took for numbers
+    """Return a new array of floats, or raise InputError for what is none: words, rows of unequal length, complex numbers."""
+    import numpy as np
+
+    try:
+        array = np.array(value)
+        if array.dtype.kind not in "biuf":
+            array = np.array(value, dtype=float) if array.dtype.kind == "O" else None
+    except (TypeError, ValueError):
+        array = None
+    if array is None:
+        shown = repr(value)
+        raise InputError(f"{what} is {shown if len(shown) <= 60 else shown[:57] + '...'}: must be an array of real numbers")
+    return array.astype(float)
+
+
 def all_finite(values: np.ndarray) -> bool:
     """Return whether no entry is inf or nan."""
     import numpy as np

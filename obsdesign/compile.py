@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -140,9 +141,10 @@ def _compile(command: list[str], source: str, target: Path) -> None:
 
 
 def _forget_unused(kept_in: Path) -> None:
-    files = sorted(kept_in.glob("*.so"), key=lambda file: file.stat().st_mtime)
-    for file in files[:-_KEPT]:
-        file.unlink(missing_ok=True)
+    with suppress(OSError):  # another process may do the same
+        files = sorted(kept_in.glob("*.so"), key=lambda file: file.stat().st_mtime)
+        for file in files[:-_KEPT]:
+            file.unlink(missing_ok=True)
 
 
 def _told(error: Exception) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,7 @@ class Channel:
 class Model:
     """xdot = drift + B u + G w, y = h(x), as CasADi expressions of the state symbol x (n, 1).
 
-    B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels.
+    B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels; u (m, 1), w (p, 1) symbols.
     """
 
     x: ca.SX
@@ -66,6 +66,15 @@ class Model:
     unknown_inputs: tuple[Signal, ...]
     G: ca.SX
     channels: tuple[Channel, ...]
+    u: ca.SX = field(init=False)
+    w: ca.SX = field(init=False)
+
+    def __post_init__(self) -> None:
+        import casadi as ca
+
+        # made once with the model: graphs of it that were built at different times fit together
+        object.__setattr__(self, "u", ca.SX.sym("u", len(self.inputs)))
+        object.__setattr__(self, "w", ca.SX.sym("w", len(self.unknown_inputs)))
 
     @property
     def state_names(self) -> tuple[str, ...]:

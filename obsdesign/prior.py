@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.checks import as_array
 from obsdesign.errors import InputError
 
 
@@ -21,10 +22,10 @@ class Prior:
     covariance: np.ndarray
 
     def __init__(self, mean: ArrayLike, std: ArrayLike | None = None, covariance: ArrayLike | None = None) -> None:
-        centre = np.array(mean, dtype=float)
+        centre = as_array("prior: mean", mean)
         if (std is None) == (covariance is None):
             raise InputError("prior: give either std or covariance")
-        spread = np.array(covariance if std is None else std, dtype=float)
+        spread = as_array("prior: covariance", covariance) if std is None else as_array("prior: std", std)
         if centre.ndim != 1 or not centre.size:
             raise InputError(f"prior: mean has shape {centre.shape}: mean and covariance must be finite, (n,) and (n, n)")
         if std is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from threading import Lock
@@ -12,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from obsdesign import compile as machine
+from obsdesign.errors import InputError
 
 _LOAD = 2_000  # steps after which the cache folder is asked for machine code
 # a compiler is asked when the virtual machine has done as much as it would take: about 0.3 s and 0.6 ms an operation, at 6 ns each
@@ -105,7 +107,7 @@ class Scan:
         self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))
         self._stretches: dict[tuple[int, bool], _Stretch] = {}
         self._exact: set[int] = set()
-        self._lock = Lock()
+        self._lock, self._process = Lock(), os.getpid()
         self._done = 0
         self._compiled: machine.Compiled | None = None
         self._wish = machine.wish()
@@ -138,12 +140,23 @@ class Scan:
         paths = len(now)
         every = np.empty((paths, steps, now.shape[1])) if carries else None
         found = tuple(np.empty((paths, steps, width)) for width in self.widths) if results else ()
+        self._require_shapes(now, inputs, paths, steps)
+        if self._process != os.getpid():  # a fork of a process whose other thread held the lock
+            self._lock, self._process = Lock(), os.getpid()
         if paths and steps:
             with self._lock:
                 entry = self._entry(paths * steps)
                 walk = self._walk if entry is None else self._walk_compiled
                 walk(now, inputs, steps, every, found)
         return Run(now, np.empty((paths, 0, now.shape[1])) if every is None else every, found)
+
+    def _require_shapes(self, carry: np.ndarray, rows: list[np.ndarray], paths: int, steps: int) -> None:
+        """Raise InputError for arrays that do not fit: a compiled loop would read beyond their ends."""
+        for i, values in enumerate([carry, *rows]):
+            width = self._function.size1_in(i)
+            accepted = ((paths, width),) if not i else ((width,), (steps, width), (paths, steps, width))
+            if values.shape not in accepted:
+                raise InputError(f"array {i} of a loop has shape {values.shape}: must be {' or '.join(map(str, accepted))}")
 
     # ---------------------------------------------------------------- virtual machine
 

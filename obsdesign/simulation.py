@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import all_finite, require_positive
+from obsdesign.checks import all_finite, as_array, require_positive
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
@@ -87,7 +87,7 @@ def _reading(model: Model) -> Scan:
 def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
     """Return value as a finite (n,) array or raise InputError naming the first entry that is wrong."""
     names = system.model.state_names
-    state = np.array(value, dtype=float)
+    state = as_array(what, value)
     if state.shape != (len(names),):
         raise InputError(f"{what} has shape {state.shape}: must be ({len(names)},) for {', '.join(names)}")
     if not all_finite(state):
@@ -98,7 +98,7 @@ def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
 
 def as_inputs(value: ArrayLike, width: int, what: str) -> np.ndarray:
     """Return value as a finite (N, width) array; (N,) is accepted where width is 1."""
-    inputs = np.array(value, dtype=float)
+    inputs = as_array(what, value)
     if inputs.ndim == 1 and width == 1:
         inputs = inputs[:, None]
     if inputs.ndim != 2 or inputs.shape[1] != width:

@@ -70,7 +70,7 @@ class Sensitivity:
 @lru_cache(CACHED)
 def step_of(model: Model, step: float) -> Step:
     """Return one step of `step` seconds."""
-    u, w = ca.SX.sym("u", len(model.inputs)), ca.SX.sym("w", len(model.unknown_inputs))
+    u, w = model.u, model.w
     rate = ca.Function("rate", [model.x, u, w], [model.drift + model.B @ u + model.G @ w])
     x_next = ca.cse(ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, step)))
     return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))

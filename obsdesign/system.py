@@ -83,6 +83,9 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
             spread, gate = sensor.spread(state), sensor.gate(state)
         except KeyError as missing:
             raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have") from None
+        for what, value in (("spread", spread), ("gate", gate)):
+            if value.shape != (1, 1):
+                raise InputError(f"sensor {name!r}: {what} has shape {value.shape}: must be one number for all its outputs")
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
         noise = Noise(spread, gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
         yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from obsdesign.checks import all_finite, require_positive
+from obsdesign.checks import all_finite, as_array, require_positive
 from obsdesign.errors import InputError
 
 
@@ -24,13 +24,13 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         for name in ("t", "x", "u"):
-            values = np.array(getattr(self, name), dtype=float)
+            values = as_array(f"trajectory: {name}", getattr(self, name))
             if not all_finite(values):
                 first = np.argwhere(~np.isfinite(values))[0]
                 raise InputError(f"trajectory: {name}[{', '.join(map(str, first))}] is {values[tuple(first)]}: must be finite")
             values.setflags(write=False)
             object.__setattr__(self, name, values)
-        steps = len(self.t) - 1
+        steps = self.t.size - 1
         if self.t.ndim != 1 or steps < 1 or self.x.ndim != 2 or self.u.ndim != 2 or len(self.x) != steps + 1 or len(self.u) != steps:
             raise InputError(
                 f"trajectory: t {self.t.shape}, x {self.x.shape}, u {self.u.shape} do not fit: needs (N+1,), (N+1, n), (N, m), N > 0"
@@ -48,4 +48,4 @@ class Trajectory:
     def step(self) -> float:
         """Length of one step [s]."""
         # of the whole span: the difference of two neighbouring times carries their round-off
-        return round(float(self.t[-1] - self.t[0]) / (len(self.t) - 1), 12)
+        return float(f"{float(self.t[-1] - self.t[0]) / (len(self.t) - 1):.12g}")

@@ -14,13 +14,14 @@ from obsdesign.calculus import wrap_columns
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
 from obsdesign.information.record import standard_deviations
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem
 from obsdesign.prior import Prior
 from obsdesign.selection.schedule import Schedule
-from obsdesign.simulation import readings, states_from
+from obsdesign.simulation import readings, simulate, states_from
 from obsdesign.step import steps_per_sample
 from obsdesign.trajectory import Trajectory
 
@@ -91,6 +92,8 @@ def validate(
     """
     require_count("runs", runs)
     require_count("seed", seed, least=0)
+    require_fit(system, path)
+    path = simulate(system, path.x[0], path.u, path.step)  # what the truth follows, whatever else moved the path given
     active = active_steps(system, path, schedule)
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)

@@ -22,7 +22,8 @@ class Posterior(AbstractCriterion):
 
     Not about x(t_N): an unknown input has by then moved the state anywhere. J is that of `posterior_information` with the prior
     of x(t_0), disturbance_psd None, (n,) or (n, n) [unit^2/s] and unknown inputs by name. It is not additive over sensors and
-    steps: no schedule is optimal for it.
+    steps: no schedule is optimal for it. With unknown inputs, sensors should have samples at t_N-1: along what only earlier samples
+    show, nothing is known any more.
     """
 
     prior: Prior

@@ -44,14 +44,14 @@ class Perturbation:
 def perturbation(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Perturbation:
     """Judge an eps by the empirical Gramians of eps and eps / 2, and by the variational one, which has no eps.
 
-    The errors of eps and eps / 2 are A + B and A / 4 + 2 B, A the curvature and B the rounding of eps.
+    Curvature falls to a quarter from eps to eps / 2; what does not fall is rounding, and so is its share of what falls less.
     Raises InputError as empirical_gramian.
     """
     size = perturbation_of(system, eps)
     exact = variational_gramian(system, path, weighted).total
     here, narrow = (empirical_gramian(system, path, factor * size, weighted).total for factor in (1.0, 0.5))
     error = _distance(here, exact)
-    rounding = float(np.clip((4 * _distance(narrow, exact) - error) / 7, 0.0, error))
+    rounding = error and error * float(np.clip((_distance(narrow, exact) / error - 0.25) / 0.75, 0.0, 1.0))
     return Perturbation(size, _distance(here, narrow), error - rounding, rounding)
 
 

@@ -13,7 +13,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_sensors, variational_gramian
 from obsdesign.information.sampling import sampled
-from obsdesign.information.totals import batch_information, stepped, walk_of
+from obsdesign.information.totals import Walk, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.simulation import as_inputs, as_state, simulate
@@ -27,9 +27,9 @@ def information_value(
 
     Raises InputError as simulate and variational_gramian.
     """
-    start, S = as_state(system, x0, "x0"), _units(system, scale)
-    total = batch_information(system, start[None], as_inputs(u, len(system.model.inputs), "u"), dt)[0].sum(axis=0)
-    return criterion.value(total * S[:, None] * S)
+    start, inputs, S = _checked(system, x0, u, dt, scale)
+    walk, carry, _, _ = _walked(system, start, inputs, dt, carries=False)
+    return criterion.value(walk.sums(carry)[0].sum(axis=0) * S[:, None] * S)
 
 
 def information_gradient(
@@ -41,28 +41,44 @@ def information_gradient(
     the last step to the first. Where eigenvalues coincide the slope of lambda_min is one of its supergradients.
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
-    require_positive("dt", dt)
-    require_sensors(system)
-    start, inputs, S = as_state(system, x0, "x0"), as_inputs(u, len(system.model.inputs), "u"), _units(system, scale)
-    if not len(inputs):
-        raise InputError("u has no steps: needs at least 1")
-    walk, back = walk_of(system.model, dt), _back(system.model, dt)
-    due = [sampled(system, len(inputs), dt).astype(float)] if walk.masked else []
-    idle = np.zeros(len(system.model.unknown_inputs))
-    first = walk.first(start[None])
-    run = walk.scan.run(first, [inputs, idle, *due], len(inputs))
-    if not np.isfinite(run.carry).all():
-        variational_gramian(system, simulate(system, start, inputs, dt))
-    W = walk.sums(run.carry)[0].sum(axis=0) * S[:, None] * S
+    start, inputs, S = _checked(system, x0, u, dt, scale)
+    walk, carry, carries, due = _walked(system, start, inputs, dt, carries=True)
+    W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
     value = criterion.value(W)
     if not np.isfinite(value):
         raise InputError(f"{type(criterion).__name__} is {value} along this path: it has no gradient there")
     Z = criterion.slope(W) * S[:, None] * S
     moving = len(start) + len(walk.shape.start)
-    before = np.concatenate([first, run.carries[0, :-1]])[:, :moving]
+    before = np.concatenate([walk.first(start[None]), carries[:-1]])[:, :moving]
     reversed_rows = [row[::-1] for row in (before, inputs, *due)]
-    adjoint = back.run(np.zeros((1, moving)), [*reversed_rows, Z.ravel()], len(inputs), carries=False)
+    rows = [*reversed_rows, Z.ravel()]
+    adjoint = _back(system.model, dt).run(np.zeros((1, moving)), rows, len(inputs), carries=False)
     return value, adjoint.results[0][0, ::-1].copy()
+
+
+def _checked(
+    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, scale: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return x0 (n,), u (N, m) and the scale (n,) as arrays, or raise InputError."""
+    require_positive("dt", dt)
+    require_sensors(system)
+    inputs = as_inputs(u, len(system.model.inputs), "u")
+    if not len(inputs):
+        raise InputError("u has no steps: needs at least 1")
+    return as_state(system, x0, "x0"), inputs, _units(system, scale)
+
+
+def _walked(
+    system: AbstractSystem, start: np.ndarray, inputs: np.ndarray, dt: float, carries: bool
+) -> tuple[Walk, np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Return the walk, its last carry (1, c), the carries (N, c) if wanted, and who samples."""
+    walk = walk_of(system.model, dt)
+    due = [sampled(system, len(inputs), dt).astype(float)] if walk.masked else []
+    rows = [inputs, np.zeros(len(system.model.unknown_inputs)), *due]
+    run = walk.scan.run(walk.first(start[None]), rows, len(inputs), carries=carries)
+    if not np.isfinite(run.carry).all():
+        variational_gramian(system, simulate(system, start, inputs, dt))  # says what is wrong, and where
+    return walk, run.carry, run.carries[0], due
 
 
 def _units(system: AbstractSystem, scale: ArrayLike | None) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.calculus import wrap_columns
+from obsdesign.checks import all_finite, as_array
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
 from obsdesign.information.sampling import sampled_only, with_derivatives
@@ -41,6 +42,7 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
 def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
     """W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
 
+    What moves the path beside its inputs, x_k+1 - f(x_k, u_k) in logs and under unknown inputs, moves the perturbed paths too.
     eps: in the unit of each state, one number or (n,). weighted=False: the integral without R, Brace and Morgansen eq. (3).
     `perturbation` tells whether an eps is neither so small that rounding shows nor so large that curvature does.
     Raises InputError as variational_gramian, and unless eps > 0.
@@ -77,6 +79,9 @@ def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return Phi (N+1, n, n): Phi[k] = dx(t_k)/dx(t_0) along the path."""
     shape = sensitivity_of(system.model, path.step)
     later = _transition(system.model, path.step).along(shape.start, path.x[:-1], path.u)[0]
+    if not all_finite(later):
+        k = int(np.argwhere(~np.isfinite(later))[0, 0])
+        raise InputError(f"dx(t_k)/dx(t_0) is not finite from step {k + 1} (t = {path.t[k + 1]:g} s) on: the system is too unstable")
     return shape.full(np.vstack([shape.start, later]))
 
 
@@ -108,7 +113,7 @@ def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, u: np.ndarray, s
 def perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
     """Return eps (n,) for each state; raise InputError unless it is one number above 0, or one for each state."""
     names = system.model.state_names
-    size = np.asarray(eps, dtype=float)
+    size = as_array("eps", eps)
     if size.shape not in {(), (len(names),)}:
         raise InputError(f"eps has shape {size.shape}: must be one number or ({len(names)},) for {', '.join(names)}")
     each = np.broadcast_to(size, (len(names),))
@@ -123,7 +128,7 @@ def _difference_samples(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, 
     """Central differences over 2 n paths; the weights are those of the path itself."""
     model, n = system.model, x.shape[1]
     starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
-    states = states_from(system, starts, u, step)[:, :-1]
+    states = states_from(system, starts, u, step, kicks=defects(system, x, u, step))[:, :-1]
     y = readings(system, states).y
     Y = wrap_columns(y[:n] - y[n:], np.array([signal.is_angle for signal in model.outputs])) / (2 * eps[:, None, None])
     if weighted:
@@ -134,10 +139,17 @@ def _difference_samples(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, 
     return np.stack(each, axis=1)
 
 
+def defects(system: AbstractSystem, x: np.ndarray, u: np.ndarray, step: float) -> np.ndarray:
+    """Return x_k+1 - f(x_k, u_k) (N, n) along states x (N, n), the last 0: what the model does not say of a path that was not simulated."""
+    reached = states_from(system, x, u[:, None], step)[:, 1]
+    return np.vstack([x[1:] - reached[:-1], np.zeros((1, x.shape[1]))])
+
+
 def _integrated(system: AbstractSystem, path: Trajectory, sampler: _Sampler) -> np.ndarray:
     """Simpson's rule over each step on the values at its start, middle and end."""
     half = path.step / 2
     u = np.repeat(path.u, 2, axis=0)
-    fine = states_from(system, path.x[:1], u, half)[0]
+    fine = np.empty((2 * path.steps + 1, path.x.shape[1]))
+    fine[::2], fine[1::2] = path.x, states_from(system, path.x[:-1], path.u[:, None], half)[:, 1]
     values = sampler(fine, np.vstack([u, u[-1:]]), half, False)
     return (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half / 3

@@ -9,15 +9,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_known
+from obsdesign.checks import as_array, require_known
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.recursion import Disturbance, Root, packed, shaken, symmetric
-from obsdesign.information.sampling import sampled, with_derivatives
+from obsdesign.information.sampling import require_derivatives, sampled
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.prior import Prior
 from obsdesign.scan import Scan
-from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
+from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
 _UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding
@@ -59,8 +59,9 @@ def unknown_input_information(
 ) -> np.ndarray:
     """Return (N, p, p), the information about the unknown inputs w_k, held from t_k to t_k+1, of all samples along the path.
 
-    With J_k what is known of x(t_k) then, and L_k+1 what later samples say about x(t_k+1) when later inputs are unknown too,
-    J_w = B'L B - B'L F (J_k + F'L F)^# F'L B. Zero where w_k leaves no trace: the last inputs always. In 1/unit^2 per step.
+    In the order of the names given. With J_k what is known of x(t_k) then, and L_k+1 what later samples say about x(t_k+1) when
+    later inputs are unknown too, J_w = B'L B - B'L F (J_k + F'L F)^# F'L B. Zero where w_k leaves no trace: the last inputs
+    always. In 1/unit^2 per step.
     Raises InputError as posterior_information, and without unknown inputs.
     """
     if not unknown_inputs:
@@ -84,7 +85,8 @@ def disturbance_of(
     if prior.mean.shape != path.x[0].shape:
         raise InputError(f"prior has {prior.mean.size} states: the path has {path.x.shape[1]} ({', '.join(model.state_names)})")
     require_known("unknown_inputs", unknown_inputs, [signal.name for signal in model.unknown_inputs])
-    unknown = tuple(i for i, signal in enumerate(model.unknown_inputs) if signal.name in unknown_inputs)
+    names = [signal.name for signal in model.unknown_inputs]
+    unknown = tuple(names.index(name) for name in dict.fromkeys(unknown_inputs))
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
     return Disturbance(unknown, tuple(map(tuple, noise.tolist())))
 
@@ -93,11 +95,16 @@ def noise_factor(disturbance_psd: ArrayLike | None, n: int, step: float) -> np.n
     """Return L (n, r) with L L' = psd * step; raise InputError unless the psd is (n,) >= 0 or (n, n) positive semidefinite."""
     if disturbance_psd is None:
         return np.zeros((n, 0))
-    psd = np.array(disturbance_psd, dtype=float)
-    if psd.shape == (n,):
-        psd = np.diag(psd)
-    if psd.shape != (n, n) or not np.isfinite(psd).all() or not np.allclose(psd, psd.T):
+    psd = as_array("disturbance_psd", disturbance_psd)
+    if psd.shape not in {(n,), (n, n)}:
         raise InputError(f"disturbance_psd has shape {psd.shape}: must be finite, ({n},) or symmetric ({n}, {n})")
+    if not np.isfinite(psd).all():
+        place = np.argwhere(~np.isfinite(psd))[0]
+        raise InputError(f"disturbance_psd[{', '.join(map(str, place))}] is {psd[tuple(place)]}: must be finite")
+    psd = np.diag(psd) if psd.ndim == 1 else psd
+    skew = np.abs(psd - psd.T).max(initial=0.0)
+    if skew > 1e-9 * np.abs(psd).max(initial=0.0):
+        raise InputError(f"disturbance_psd differs from its transpose by {skew:.3g}: must be symmetric")
     values, vectors = np.linalg.eigh(psd)
     if values[0] < -1e-12 * max(values[-1], 0.0):
         raise InputError(f"disturbance_psd has the eigenvalue {values[0]:g}: must be positive semidefinite")
@@ -110,9 +117,12 @@ def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | No
     due = sampled(system, path.steps, path.step)
     if active is None:
         return due.astype(float)
-    if np.shape(active) != due.shape:
-        raise InputError(f"active has shape {np.shape(active)}: must be {due.shape}")
-    return (due & np.asarray(active, dtype=bool)).astype(float)
+    mask = as_array("active", active)
+    if mask.shape != due.shape:
+        raise InputError(f"active has shape {mask.shape}: must be {due.shape}")
+    if not np.isin(mask, (0.0, 1.0)).all():
+        raise InputError(f"active has the entry {mask[~np.isin(mask, (0.0, 1.0))][0]}: must be true or false")
+    return (due & (mask > 0)).astype(float)
 
 
 def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
@@ -226,14 +236,6 @@ def _left_of(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:
 
 def _refuse(found: np.ndarray, system: AbstractSystem, path: Trajectory, weights: np.ndarray) -> None:
     """Raise InputError with the sensor and the step that have no derivative, or else say that numbers ran away."""
-    n = path.x.shape[1]
-    one = _local(system.model).along(np.empty(0), path.x[:-1])[1].reshape(path.steps, -1, n, n)
-    with_derivatives(np.where(weights[:, :, None, None] > 0, one, 0.0), system, path)
+    require_derivatives(system, path, weights > 0)
     k = int(np.argwhere(~np.isfinite(found))[0, 0])
     raise InputError(f"the information is not finite at step {k} (t = {path.t[k]:g} s): the system is too unstable for this step")
-
-
-@lru_cache(CACHED)
-def _local(model: Model) -> Scan:
-    x = model.x
-    return Scan(ca.SX(0, 1), [x], ca.SX(0, 1), [dense_blocks(blocks_of(model, ca.SX.eye(x.numel())))])

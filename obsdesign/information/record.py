@@ -44,8 +44,11 @@ class Information:
 
     @property
     def final(self) -> np.ndarray:
-        """Phi^-T W Phi^-1 (n, n), what all samples say about x(t_N); raises InputError where the transition is not known."""
-        inverse = np.linalg.inv(self._carried())
+        """Phi^-T W Phi^-1 (n, n), what all samples say about x(t_N); raises InputError where Phi is not known or is singular."""
+        try:
+            inverse = np.linalg.inv(self._carried())
+        except np.linalg.LinAlgError:
+            raise InputError("information: the transition dx(t_N)/dx(t_0) is singular: the path forgets its start") from None
         return inverse.T @ self.total @ inverse
 
     def then(self, later: Information) -> Information:

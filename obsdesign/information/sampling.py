@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from obsdesign.checks import all_finite
 from obsdesign.errors import InputError
-from obsdesign.model import AbstractSystem
-from obsdesign.step import steps_per_sample
+from obsdesign.model import AbstractSystem, Model
+from obsdesign.scan import Scan
+from obsdesign.step import CACHED, blocks_of, dense_blocks, steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 
@@ -25,10 +28,29 @@ def sampled_only(blocks: np.ndarray, system: AbstractSystem, step: float) -> np.
 
 
 def with_derivatives(blocks: np.ndarray, system: AbstractSystem, path: Trajectory) -> np.ndarray:
-    """Return blocks (N, S, n, n), read-only, or raise InputError with the sensor and the step for the first that is not finite."""
+    """Return blocks (N, S, n, n), read-only, or raise InputError for the first that is not finite, and why."""
     if not all_finite(blocks):
-        k, s = np.argwhere(~np.isfinite(blocks))[0][:2]
-        name = system.model.sensor_names[s]
-        raise InputError(f"sensor {name!r} has no derivative at step {k} (t = {path.t[k]:g} s): the path meets its landmark")
+        bad = np.asarray(~np.isfinite(blocks).all(axis=(2, 3)))
+        require_derivatives(system, path, bad)
+        k = int(np.argwhere(bad)[0, 0])
+        raise InputError(f"the information is not finite at step {k} (t = {path.t[k]:g} s): the sensitivity to the start overflows")
     blocks.setflags(write=False)
     return blocks
+
+
+def require_derivatives(system: AbstractSystem, path: Trajectory, asked: np.ndarray) -> None:
+    """Raise InputError with the sensor and the step for the first sample of those asked (N, S) that has no derivative."""
+    n = path.x.shape[1]
+    local = _local(system.model).along(np.empty(0), path.x[: len(asked)])[1].reshape(len(asked), -1, n, n)
+    missing = asked & ~np.isfinite(local).all(axis=(2, 3))
+    if missing.any():
+        k, s = np.argwhere(missing)[0]
+        name = system.model.sensor_names[s]
+        raise InputError(f"sensor {name!r} has no derivative at step {k} (t = {path.t[k]:g} s): the path meets its landmark")
+
+
+@lru_cache(CACHED)
+def _local(model: Model) -> Scan:
+    import casadi as ca
+
+    return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [dense_blocks(blocks_of(model, ca.SX.eye(model.x.numel())))])

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_divisor, require_positive
+from obsdesign.checks import as_array, require_divisor, require_positive
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit, require_sensors, variational_gramian
 from obsdesign.information.sampling import sampled
@@ -145,11 +145,16 @@ def batch_information(
     Raises InputError for shapes that do not fit, values that are not finite, and a path through a landmark.
     """
     require_positive("dt", dt)
-    points = np.array(starts, dtype=float)
+    points = as_array("starts", starts)
     systems = [system] * len(points) if isinstance(system, AbstractSystem) else list(system)
     if points.ndim != 2 or not len(points) or len(systems) != len(points):
         raise InputError(f"starts has shape {points.shape} for {len(systems)} systems: must be (M, n), M > 0, one start for each system")
-    tasks = list(_tasks(systems, points, np.array(u, dtype=float), dt, None if w is None else np.array(w, dtype=float)))
+    inputs, unknown = as_array("u", u), None if w is None else as_array("w", w)
+    inputs = inputs[:, None] if inputs.ndim == 1 else inputs
+    sensors = {len(each.model.channels) for each in dict.fromkeys(systems)}
+    if len(sensors) > 1:
+        raise InputError(f"the systems have {' and '.join(map(str, sorted(sensors)))} sensors: all must have the same number")
+    tasks = list(_tasks(systems, points, inputs, dt, unknown))
     found = map(_totals, tasks) if executor is None else executor.map(_totals, tasks)
     return np.concatenate(list(found))
 

@@ -7,7 +7,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from obsdesign.checks import require_count
+from obsdesign.checks import all_finite, require_count
+from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.sampling import sampled_only, with_derivatives
 from obsdesign.model import AbstractSystem, Model
@@ -32,7 +33,11 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     for bit in range(window.bit_length() - 1):
         if window >> bit & 1:
             found, length = _joined(found, stretches[bit], length), length + (1 << bit)
-    return found[1][: path.steps - window + 1].copy()
+    windows = found[1][: path.steps - window + 1].copy()
+    if not all_finite(windows):
+        k = int(np.argwhere(~np.isfinite(windows))[0, 0])
+        raise InputError(f"the information of the window at step {k} (t = {path.t[k]:g} s) is not finite: the system is too unstable")
+    return windows
 
 
 def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -52,9 +57,10 @@ def _local(model: Model, step: float) -> Scan:
 
 def _joined(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Each stretch of `first`, `steps` long, followed by the one of `second` that begins where it ends."""
-    F, W = first[0], first[1]
+    F, W = first
     F_later, W_later = second[0][steps:], second[1][steps:]
     count = min(len(F), len(F_later))
     F, W, F_later, W_later = F[:count], W[:count], F_later[:count], W_later[:count]
     across = F[:, None]
-    return F_later @ F, W + across.swapaxes(2, 3) @ W_later @ across
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused when all is joined
+        return F_later @ F, W + across.swapaxes(2, 3) @ W_later @ across

@@ -57,7 +57,7 @@ class AbstractSensor(ABC):
 
     @abstractmethod
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
-        """Return the standard deviation of one sample of each output at the state, without inflation and bias."""
+        """Return the standard deviation of one sample at the state, one number for all outputs, without inflation and bias."""
 
     @abstractmethod
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
