@@ -30,6 +30,8 @@ def as_array(what: str, value: Any) -> np.ndarray:  # noqa: ANN401  # whatever a
     """Return a new array of floats, or raise InputError for what is none: words, rows of unequal length, complex numbers."""
     import numpy as np
 
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return value.copy()
     try:
         array = np.array(value)
         if array.dtype.kind not in "biuf":

@@ -105,6 +105,8 @@ class Scan:
         self._function = ca.Function(_NAME, [carry, *rows], outputs)
         self._indices = tuple(each.index if isinstance(each, Spread) else None for each in results)
         self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))
+        self._widths_in = tuple(self._function.size1_in(i) for i in range(self._function.n_in()))
+        self._width_out = sum(self._function.size1_out(j) for j in range(self._function.n_out()))
         self._stretches: dict[tuple[int, bool], _Stretch] = {}
         self._exact: set[int] = set()
         self._lock, self._process = Lock(), os.getpid()
@@ -153,7 +155,7 @@ class Scan:
     def _require_shapes(self, carry: np.ndarray, rows: list[np.ndarray], paths: int, steps: int) -> None:
         """Raise InputError for arrays that do not fit: a compiled loop would read beyond their ends."""
         for i, values in enumerate([carry, *rows]):
-            width = self._function.size1_in(i)
+            width = self._widths_in[i]
             accepted = ((paths, width),) if not i else ((width,), (steps, width), (paths, steps, width))
             if values.shape not in accepted:
                 raise InputError(f"array {i} of a loop has shape {values.shape}: must be {' or '.join(map(str, accepted))}")
@@ -173,8 +175,7 @@ class Scan:
 
     def _pieces(self, steps: int) -> list[int]:
         """Cut the steps into lengths for which the repeated function is kept: some exact ones, else powers of two."""
-        width = max(1, sum(self._function.size1_out(j) for j in range(self._function.n_out())))
-        longest = min(_LONGEST, 1 << max(0, (_ENTRIES // width).bit_length() - 1))
+        longest = min(_LONGEST, 1 << max(0, (_ENTRIES // max(1, self._width_out)).bit_length() - 1))
         whole, rest = divmod(steps, longest)
         lengths = [longest] * whole
         if rest in self._exact or (rest and len(self._exact) < _EXACT):

@@ -278,7 +278,6 @@ WRONG = {
         rf"u has shape \(2, {STEPS}, 1\): must be \(N, 1\) or \(3, N, 1\)",
     ),
     "no steps": ((np.zeros((3, 5)), np.zeros((0, 1))), r"u has shape \(0, 1\): must be \(N, 1\) or \(3, N, 1\), N > 0"),
-    "a flat list of inputs": ((np.zeros((3, 5)), np.zeros(STEPS)), rf"u has shape \({STEPS},\): must be \(N, 1\) or \(3, N, 1\)"),
 }
 
 
