@@ -143,8 +143,8 @@ class Scan:
         every = np.empty((paths, steps, now.shape[1])) if carries else None
         found = tuple(np.empty((paths, steps, width)) for width in self.widths) if results else ()
         self._require_shapes(now, inputs, paths, steps)
-        if self._process != os.getpid():  # a fork of a process whose other thread held the lock
-            self._lock, self._process = Lock(), os.getpid()
+        if self._process != os.getpid():  # a fork: another thread may have been in the middle
+            self._lock, self._stretches, self._process = Lock(), {}, os.getpid()
         if paths and steps:
             with self._lock:
                 entry = self._entry(paths * steps)
