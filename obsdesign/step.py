@@ -12,6 +12,7 @@ from obsdesign.calculus import rk4
 from obsdesign.checks import whole_multiple
 from obsdesign.errors import InputError
 from obsdesign.model import Model
+from obsdesign.packing import packing_of
 from obsdesign.scan import Spread
 
 CACHED = 64  # functions kept of each kind
@@ -139,34 +140,3 @@ def steps_per_sample(model: Model, step: float) -> tuple[int, ...]:
             )
         counts.append(count)
     return tuple(counts)
-
-
-@dataclass(frozen=True, eq=False)
-class Packing:
-    """The entries of symmetric blocks that are not 0 for their structure: sensors, rows >= columns, each (b,), of (S, n, n)."""
-
-    sensors: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-    shape: tuple[int, int, int]
-
-    def column(self, blocks: list[ca.SX]) -> ca.SX:
-        """Return the entries (b, 1) of blocks (n, n)."""
-        places = zip(self.sensors, self.rows, self.columns, strict=True)
-        return ca.vertcat(*[blocks[int(s)][int(i), int(j)] for s, i, j in places]) if len(self.rows) else ca.SX(0, 1)
-
-    def full(self, values: np.ndarray) -> np.ndarray:
-        """Return blocks (..., S, n, n) of entries (..., b)."""
-        blocks = np.zeros((*values.shape[:-1], *self.shape))
-        blocks[..., self.sensors, self.rows, self.columns] = values
-        blocks[..., self.sensors, self.columns, self.rows] = values
-        return blocks
-
-
-def packing_of(blocks: list[ca.SX]) -> Packing:
-    """Return where the blocks have entries."""
-    places = [
-        (s, i, j) for s, block in enumerate(blocks) for j in range(block.shape[0]) for i in range(j, block.shape[0]) if block.has_nz(i, j)
-    ]
-    found = np.array(places, dtype=int).reshape(-1, 3)
-    return Packing(found[:, 0], found[:, 1], found[:, 2], (len(blocks), *blocks[0].shape))

@@ -12,9 +12,9 @@ import numpy as np
 from obsdesign.criteria.abstract import Knowledge, Lift
 from obsdesign.design.problem import DesignProblem, margins_of
 from obsdesign.information.posterior import disturbance_of, posterior_start, posterior_step
-from obsdesign.information.recursion import packed, symmetric
 from obsdesign.information.sampling import sampled
 from obsdesign.information.totals import stepped
+from obsdesign.packing import packed, symmetric
 from obsdesign.simulation import simulate
 from obsdesign.status import Status
 from obsdesign.step import Step, blocks_of, sensitivity_of, step_of

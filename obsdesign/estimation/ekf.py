@@ -8,8 +8,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from obsdesign.information.recursion import packed, packed_values, symmetric, unpacked
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.packing import packed, packed_values, symmetric, unpacked
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of
 

@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import as_array, require_known
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.recursion import Disturbance, Root, packed, shaken, symmetric
+from obsdesign.information.recursion import Disturbance, Root, shaken
 from obsdesign.information.sampling import require_derivatives, sampled
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.packing import packed, symmetric
 from obsdesign.prior import Prior
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of

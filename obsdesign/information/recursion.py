@@ -25,38 +25,6 @@ class Disturbance:
         return np.array(self.noise)
 
 
-def symmetric(name: str, n: int) -> tuple[ca.SX, ca.SX]:
-    """Return a symmetric matrix (n, n) of symbols and the column (n (n + 1) / 2, 1) of its lower triangle."""
-    lower = ca.SX.sym(name, ca.Sparsity.lower(n))
-    return ca.tril2symm(lower), lower.nz[:]
-
-
-def packed(J: ca.SX) -> ca.SX:
-    """Return the lower triangle of a symmetric J (n, n) as a column, in the order of `symmetric`."""
-    return ca.vertcat(*[J[i, j] for j in range(J.shape[0]) for i in range(j, J.shape[0])])
-
-
-def packed_values(J: np.ndarray) -> np.ndarray:
-    """Return the same entries of numbers (..., n, n)."""
-    rows, columns = lower_indices(J.shape[-1])
-    return np.ascontiguousarray(J[..., rows, columns])
-
-
-def unpacked(values: np.ndarray, n: int) -> np.ndarray:
-    """Return symmetric matrices (..., n, n) of their lower triangles."""
-    rows, columns = lower_indices(n)
-    J = np.empty((*values.shape[:-1], n, n))
-    J[..., rows, columns] = values
-    J[..., columns, rows] = values
-    return J
-
-
-def lower_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows and columns of the lower triangle, column by column."""
-    columns, rows = np.triu_indices(n)
-    return rows, columns
-
-
 def triangular(rows: ca.SX) -> ca.SX:
     """Return upper triangular R (n, n) with R'R = A'A for rows A (m, n), m >= n, by Householder's reflections."""
     m, n = rows.shape

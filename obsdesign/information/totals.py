@@ -16,9 +16,10 @@ from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit, require_sensors, variational_gramian
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.packing import Packing, packing_of
 from obsdesign.scan import Scan
 from obsdesign.simulation import simulate
-from obsdesign.step import CACHED, Packing, Sensitivity, blocks_of, packing_of, sensitivity_of, step_of, steps_per_sample
+from obsdesign.step import CACHED, Sensitivity, blocks_of, sensitivity_of, step_of, steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 _CHUNK = 500  # paths per task: fixed, so that the answer does not depend on the number of workers
