@@ -23,7 +23,7 @@ _ENTRIES = 1 << 18  # numbers that one stretch may hold
 _EXACT = 8  # lengths, beside the powers of two, for which the repeated function is kept
 _LONGEST = 1024  # steps of the longest stretch that CasADi repeats in one call; a power of two
 
-# carries: values before each step's update would be x_k; here x_(k+1), as CasADi's mapaccum has it
+# carries are those after each step, as CasADi's mapaccum has them
 _DRIVER = """
 #include <string.h>
 int {name}_scan(long long paths, long long steps, double* carry, double* carries,
@@ -228,7 +228,7 @@ class Scan:
         leaps = [steps * width if row.ndim == 3 else 0 for row, width in zip(rows, widths, strict=True)]
         strides = [0 if row.ndim == 1 else width for row, width in zip(rows, widths, strict=True)]
         counts, addresses = ctypes.c_longlong * len(rows), ctypes.c_void_p * len(rows)
-        self._compiled.entry(  # pyright: ignore[reportOptionalMemberAccess]
+        failed = self._compiled.entry(  # pyright: ignore[reportOptionalMemberAccess]
             len(carry),
             steps,
             _address(carry),
@@ -238,6 +238,8 @@ class Scan:
             counts(*strides),
             (ctypes.c_void_p * len(self.widths))(*map(_address, found)),
         )
+        if failed:
+            raise RuntimeError("a compiled loop stopped before its end")
 
 
 def _address(values: np.ndarray) -> int | None:

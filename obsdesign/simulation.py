@@ -96,6 +96,15 @@ def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
     return state
 
 
+def as_scale(system: AbstractSystem, value: ArrayLike | None) -> np.ndarray:
+    """Return what counts as one unit of each state (n,), None = ones, or raise InputError naming the first that is not above 0."""
+    names = system.model.state_names
+    scale = np.ones(len(names)) if value is None else as_state(system, value, "scale")
+    for name, unit in zip(names, scale, strict=True):
+        require_positive(f"scale of {name}", float(unit))
+    return scale
+
+
 def as_inputs(value: ArrayLike, width: int, what: str) -> np.ndarray:
     """Return value as a finite (N, width) array; (N,) is accepted where width is 1."""
     inputs = as_array(what, value)

@@ -7,6 +7,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 import pytest
+from by_hand import numerical_rank
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -541,15 +542,6 @@ DIMENSIONS = {
     "magnetometer range bearing": (5, 5, 5),
     "gps magnetometer range bearing": (5, 5, 5),
 }
-
-
-def numerical_rank(W: np.ndarray) -> int:
-    """Rank after scaling to unit diagonal; there must be a wide gap between what counts and what does not."""
-    diagonal = np.diag(W)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
-    values = np.linalg.eigvalsh(W * np.outer(scale, scale))
-    assert not np.any((values > 1e-12) & (values < 1e-7)), f"no clear rank: {values}"
-    return int(np.sum(values > 1e-9))
 
 
 @pytest.mark.parametrize("subset", SUBSETS, ids=lambda subset: "+".join(NAMES[i] for i in subset))

@@ -19,7 +19,7 @@ from obsdesign.information.record import Information
 from obsdesign.information.totals import segment_information
 from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath
-from obsdesign.simulation import as_state
+from obsdesign.simulation import as_scale, as_state
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
@@ -47,10 +47,7 @@ class DesignProblem:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start", as_state(self.system, self.start, "start"))
-        scale = np.ones(len(self.x0)) if self.scale is None else as_state(self.system, self.scale, "scale")
-        for name, unit in zip(self.system.model.state_names, scale, strict=True):
-            require_positive(f"scale of {name}", float(unit))
-        object.__setattr__(self, "scale", scale)
+        object.__setattr__(self, "scale", as_scale(self.system, self.scale))
         object.__setattr__(self, "constraints", tuple(self.constraints))
         object.__setattr__(self, "bounds", {name: as_pair(f"bounds of {name}", pair) for name, pair in self.bounds.items()})
         require_positive("duration", self.duration)

@@ -13,7 +13,6 @@ from obsdesign.criteria.abstract import Knowledge, Lift
 from obsdesign.design.problem import DesignProblem, margins_of
 from obsdesign.information.posterior import disturbance_of, posterior_start, posterior_step
 from obsdesign.information.sampling import sampled
-from obsdesign.information.totals import stepped
 from obsdesign.packing import packed, symmetric
 from obsdesign.simulation import simulate
 from obsdesign.status import Status
@@ -131,18 +130,17 @@ _Recursion = tuple[ca.SX, Callable[[int, ca.SX, ca.SX, ca.SX], ca.SX], Callable[
 def _gramian(problem: DesignProblem) -> _Recursion:
     """Carry (Phi's free entries, lower triangle of W)."""
     system, n = problem.system, len(problem.x0)
-    one, shape = stepped(system.model, problem.step), sensitivity_of(system.model, problem.step)
+    one, shape = step_of(system.model, problem.step), sensitivity_of(system.model, problem.step)
     due = sampled(system, problem.steps, problem.step)
     W, sums = symmetric("W", n)
-    moved = ca.Function("moved", [one.x, one.u, one.w, one.Phi], [one.Phi_next])
+    moved = ca.Function("moved", [one.x, one.u, shape.free], [shape.next])
     gain = ca.Function("gain", [one.x, shape.free], [packed(block) for block in blocks_of(system.model, shape.Phi)])
-    idle = ca.SX.zeros(one.w.numel())
 
     def add(k: int, x: ca.SX, u: ca.SX, carry: ca.SX) -> ca.SX:
         Phi, total = carry[: shape.free.numel()], carry[shape.free.numel() :]
         gained = gain.call([x, Phi])
         total += sum((gained[s] for s in np.flatnonzero(due[k])), ca.SX.zeros(total.numel()))
-        return ca.vertcat(moved(x, u, idle, Phi), total)
+        return ca.vertcat(moved(x, u, Phi), total)
 
     start = ca.vertcat(ca.SX(shape.start), ca.SX.zeros(sums.numel()))
     judged = ca.Function("judged", [sums], [ca.densify(W)])

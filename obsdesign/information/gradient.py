@@ -16,7 +16,7 @@ from obsdesign.information.sampling import sampled
 from obsdesign.information.totals import Walk, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
-from obsdesign.simulation import as_inputs, as_state, simulate
+from obsdesign.simulation import as_inputs, as_scale, as_state, simulate
 from obsdesign.step import CACHED
 
 
@@ -65,7 +65,7 @@ def _checked(
     inputs = as_inputs(u, len(system.model.inputs), "u")
     if not len(inputs):
         raise InputError("u has no steps: needs at least 1")
-    return as_state(system, x0, "x0"), inputs, _units(system, scale)
+    return as_state(system, x0, "x0"), inputs, as_scale(system, scale)
 
 
 def _walked(
@@ -79,14 +79,6 @@ def _walked(
     if not np.isfinite(run.carry).all():
         variational_gramian(system, simulate(system, start, inputs, dt))  # says what is wrong, and where
     return walk, run.carry, run.carries[0], due
-
-
-def _units(system: AbstractSystem, scale: ArrayLike | None) -> np.ndarray:
-    names = system.model.state_names
-    units = np.ones(len(names)) if scale is None else as_state(system, scale, "scale")
-    for name, unit in zip(names, units, strict=True):
-        require_positive(f"scale of {name}", float(unit))
-    return units
 
 
 @lru_cache(CACHED)

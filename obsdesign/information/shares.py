@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_positive
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information, standard_deviations
 from obsdesign.model import AbstractSystem
 from obsdesign.signals import Signal
-from obsdesign.simulation import as_state
+from obsdesign.simulation import as_scale
 
 _BULK = 0.7  # what a sentence calls most of what is known
 
@@ -64,9 +63,7 @@ def contributions(
         raise InputError(
             f"information {information.blocks.shape} is not of this system: {len(system.model.channels)} sensors, {len(states)} states"
         )
-    S = np.ones(len(states)) if scale is None else as_state(system, scale, "scale")
-    for state, unit in zip(states, S, strict=True):
-        require_positive(f"scale of {state.name}", float(unit))
+    S = as_scale(system, scale)
     blocks = information.by_segment(len(information.blocks) if segments is None else segments)
     W = blocks.sum(axis=(0, 1))
     std = standard_deviations(W)
