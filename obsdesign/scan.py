@@ -23,6 +23,12 @@ _ENTRIES = 1 << 18  # numbers that one stretch may hold
 _EXACT = 8  # lengths, beside the powers of two, for which the repeated function is kept
 _LONGEST = 1024  # steps of the longest stretch that CasADi repeats in one call; a power of two
 
+# one loop at a time: CasADi's are not safe to run from several threads. A fork waits for its turn too, so that no child begins
+# in the middle of what another thread was doing
+_TURN = Lock()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_TURN.acquire, after_in_parent=_TURN.release, after_in_child=_TURN.release)
+
 # carries are those after each step, as CasADi's mapaccum has them
 _DRIVER = """
 #include <string.h>
@@ -109,7 +115,6 @@ class Scan:
         self._width_out = sum(self._function.size1_out(j) for j in range(self._function.n_out()))
         self._stretches: dict[tuple[int, bool], _Stretch] = {}
         self._exact: set[int] = set()
-        self._lock, self._process = Lock(), os.getpid()
         self._done = 0
         self._compiled: machine.Compiled | None = None
         self._wish = machine.wish()
@@ -143,10 +148,8 @@ class Scan:
         every = np.empty((paths, steps, now.shape[1])) if carries else None
         found = tuple(np.empty((paths, steps, width)) for width in self.widths) if results else ()
         self._require_shapes(now, inputs, paths, steps)
-        if self._process != os.getpid():  # a fork: another thread may have been in the middle
-            self._lock, self._stretches, self._process = Lock(), {}, os.getpid()
         if paths and steps:
-            with self._lock:
+            with _TURN:
                 entry = self._entry(paths * steps)
                 walk = self._walk if entry is None else self._walk_compiled
                 walk(now, inputs, steps, every, found)
