@@ -1,16 +1,35 @@
 from .analysis.polynomial import Polynomial as Polynomial
 from .analysis.question import observability as observability
 from .analysis.verdict import Verdict as Verdict
+from .constraints.circle_clearance import CircleClearance as CircleClearance
 from .constraints.goal import Goal as Goal
+from .constraints.goal_pose import GoalPose as GoalPose
+from .constraints.goal_region import GoalRegion as GoalRegion
+from .constraints.ground_speed import GroundSpeed as GroundSpeed
+from .constraints.heading_sector import HeadingSector as HeadingSector
+from .constraints.keep_in import KeepIn as KeepIn
 from .constraints.keep_out import KeepOut as KeepOut
+from .constraints.keep_out_polygon import KeepOutPolygon as KeepOutPolygon
+from .constraints.loiter import Loiter as Loiter
+from .constraints.max_range import MaxRange as MaxRange
 from .constraints.stand_off import StandOff as StandOff
+from .constraints.via import Via as Via
 from .control_affine import ControlAffineSystem as ControlAffineSystem
+from .costs._terms import Budget as Budget
+from .costs._terms import Price as Price
+from .costs.effort import Effort as Effort
+from .costs.flight_time import FlightTime as FlightTime
+from .costs.path_length import PathLength as PathLength
 from .criteria.log_det import LogDet as LogDet
 from .criteria.min_eigenvalue import MinEigenvalue as MinEigenvalue
 from .criteria.posterior import Posterior as Posterior
 from .criteria.trace_inverse import TraceInverse as TraceInverse
-from .design.problem import Design as Design
+from .curves import Curve as Curve
+from .curves import shortest_curve as shortest_curve
 from .design.problem import DesignProblem as DesignProblem
+from .design.problem import Floor as Floor
+from .design.problem import Robust as Robust
+from .design.record import Design as Design
 from .design.shaping import design_trajectory as design_trajectory
 from .errors import InputError as InputError
 from .errors import ObsdesignError as ObsdesignError
@@ -23,6 +42,9 @@ from .information.gradient import information_gradient as information_gradient
 from .information.gradient import information_value as information_value
 from .information.gramian import empirical_gramian as empirical_gramian
 from .information.gramian import variational_gramian as variational_gramian
+from .information.landmark_circle import CircleResiduals as CircleResiduals
+from .information.landmark_circle import circle_residuals as circle_residuals
+from .information.landmark_circle import landmark_circle as landmark_circle
 from .information.posterior import posterior_information as posterior_information
 from .information.posterior import unknown_input_information as unknown_input_information
 from .information.record import Information as Information
@@ -32,6 +54,8 @@ from .information.shares import contributions as contributions
 from .information.totals import batch_information as batch_information
 from .information.totals import segment_information as segment_information
 from .information.windows import sliding_information as sliding_information
+from .paths.b_spline import BSpline as BSpline
+from .paths.dubins_path import DubinsPath as DubinsPath
 from .paths.piecewise_constant import PiecewiseConstant as PiecewiseConstant
 from .prior import Prior as Prior
 from .report.folder import write_report as write_report
@@ -53,6 +77,7 @@ from .trajectory import Trajectory as Trajectory
 from .validation import Validation as Validation
 from .validation import validate as validate
 from .vehicles.dubins import Dubins as Dubins
+from .vehicles.omnidirectional import Omnidirectional as Omnidirectional
 from .vehicles.unicycle import Unicycle as Unicycle
 
 __version__: str

@@ -35,10 +35,11 @@ class UnobservableError(ObsdesignError):
 class SolveError(ObsdesignError):
     """A solver ended without an answer; `status` is its verdict in the common vocabulary."""
 
-    def __init__(self, what: str, status: Status) -> None:
-        super().__init__(f"{what}: {status.value}")
+    def __init__(self, what: str, status: Status, reason: str = "") -> None:
+        super().__init__(f"{what}: {status.value}" + (f": {reason}" if reason else ""))
         self.what = what
         self.status = status
+        self.reason = reason
 
-    def __reduce__(self) -> tuple[type, tuple[str, Status]]:
-        return type(self), (self.what, self.status)
+    def __reduce__(self) -> tuple[type, tuple[str, Status, str]]:
+        return type(self), (self.what, self.status, self.reason)

@@ -19,18 +19,15 @@ from obsdesign.trajectory import Trajectory
 def simulate(system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: ArrayLike | None = None) -> Trajectory:
     """Integrate xdot = g0 + f u + g w by RK4 with inputs held over each step of dt [s].
 
-    x0 (n,), u (N, m) for the known inputs, w (N, p) for the unknown ones (None = 0). Headings stay continuous.
+    x0 (n,), u (N, m) for the known inputs, w (N, p) for the unknown ones (None = 0), which the path keeps. Headings stay
+    continuous.
     Raises InputError for wrong shapes and values that are not finite.
     """
-    model = system.model
     require_positive("dt", dt)
     start = as_state(system, x0, "x0")
-    known = as_inputs(u, len(model.inputs), "u")
-    steps = len(known)
-    unknown = np.zeros((steps, len(model.unknown_inputs))) if w is None else as_inputs(w, len(model.unknown_inputs), "w")
-    if steps < 1 or len(unknown) != steps:
-        raise InputError(f"u has {steps} steps and w {len(unknown)}: both need the same number, at least 1")
-    return Trajectory(np.arange(steps + 1) * dt, states_from(system, start[None], known, dt, unknown)[0], known)
+    known, unknown = as_known_and_unknown(system, u, w)
+    states = states_from(system, start[None], known, dt, unknown)[0]
+    return Trajectory(np.arange(len(states)) * dt, states, known, None if w is None else unknown)
 
 
 def states_from(
@@ -103,6 +100,28 @@ def as_scale(system: AbstractSystem, value: ArrayLike | None) -> np.ndarray:
     for name, unit in zip(names, scale, strict=True):
         require_positive(f"scale of {name}", float(unit))
     return scale
+
+
+def held_along(system: AbstractSystem, path: Trajectory) -> np.ndarray:
+    """Return (u, w) (N, m + p) along a path of this system, w = 0 where the path does not tell it."""
+    p = len(system.model.unknown_inputs)
+    return side_by_side(path.u, np.zeros((path.steps, p)) if path.w is None else path.w)
+
+
+def side_by_side(u: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return (u, w) (N, m + p), u itself where nothing is unknown."""
+    return np.hstack([u, w]) if w.shape[1] else u
+
+
+def as_known_and_unknown(system: AbstractSystem, u: ArrayLike, w: ArrayLike | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return u (N, m) and w (N, p), None = 0, or raise InputError unless both have the same number of steps, at least 1."""
+    model = system.model
+    known = as_inputs(u, len(model.inputs), "u")
+    steps = len(known)
+    unknown = np.zeros((steps, len(model.unknown_inputs))) if w is None else as_inputs(w, len(model.unknown_inputs), "w")
+    if steps < 1 or len(unknown) != steps:
+        raise InputError(f"u has {steps} steps and w {len(unknown)}: both need the same number, at least 1")
+    return known, unknown
 
 
 def as_inputs(value: ArrayLike, width: int, what: str) -> np.ndarray:

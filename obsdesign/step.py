@@ -29,8 +29,13 @@ class Step:
     F: ca.SX
     B_w: ca.SX
 
+    @property
+    def held(self) -> ca.SX:
+        """(u, w) (m + p, 1), the row of whoever walks along a path; u alone costs no more where nothing is unknown."""
+        return ca.vertcat(self.u, self.w)
+
     def without_disturbance(self) -> Step:
-        """Return the step at w = 0, with its derivative to w there."""
+        """Return the step at w = 0, with its derivative to w there: of whoever does not know w, a filter or a design."""
         if not self.w.numel():
             return self
         zero = ca.SX.zeros(self.w.numel())
@@ -79,11 +84,18 @@ def step_of(model: Model, step: float) -> Step:
 
 @lru_cache(CACHED)
 def sensitivity_of(model: Model, step: float) -> Sensitivity:
-    """Return Phi at w = 0: what each step of `step` seconds makes of it.
+    """Return Phi at w = 0: what each step of `step` seconds makes of it."""
+    return _sensitivity(step_of(model, step).without_disturbance().F)
 
-    Begins with all entries of the identity as constants and frees those that F Phi does not leave as they are, until all do.
-    """
-    F = step_of(model, step).without_disturbance().F
+
+@lru_cache(CACHED)
+def sensitivity_along(model: Model, step: float) -> Sensitivity:
+    """Return Phi along a path that unknown inputs move: `next` is of x, u and w."""
+    return _sensitivity(step_of(model, step).F) if model.unknown_inputs else sensitivity_of(model, step)
+
+
+def _sensitivity(F: ca.SX) -> Sensitivity:
+    """Begin with all entries of the identity as constants and free those that F Phi does not leave as they are, until all do."""
     n = F.shape[0]
     kept = np.ones((n, n), dtype=bool)
     while True:

@@ -12,7 +12,9 @@ import numpy as np
 
 from obsdesign.analysis.question import observability_of
 from obsdesign.analysis.verdict import Verdict
-from obsdesign.design.problem import Design, DesignProblem
+from obsdesign.design.limits import is_feasible
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.record import Design
 from obsdesign.design.shaping import design_trajectory
 from obsdesign.design.weave import Weave, best_weave
 from obsdesign.information.gramian import variational_gramian
@@ -256,7 +258,7 @@ def _candidate(scenario: Scenario, problems: tuple[DesignProblem, ...], name: st
     information = variational_gramian(problems[0].system, path)
     qualities = tuple(rate(problem, path, information, suite) for problem, suite in zip(problems, suites_of(scenario), strict=True))
     said = contributions(problems[0].system, information, scenario.segments, problems[0].units)
-    return Candidate(name, path, information, qualities, said, problems[0].is_feasible(path.x))
+    return Candidate(name, path, information, qualities, said, is_feasible(problems[0], path))
 
 
 def _checks(

@@ -7,23 +7,25 @@ from functools import cached_property
 
 import numpy as np
 
-from obsdesign.checks import all_finite, as_array, require_positive
+from obsdesign.checks import all_finite, as_array, require_count, require_positive
 from obsdesign.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """t (N+1,) [s], x (N+1, n), u (N, m): inputs u[k] are held from t[k] to t[k+1].
+    """t (N+1,) [s], x (N+1, n), u (N, m), w (N, p): inputs u[k], known, and w[k], unknown, are held from t[k] to t[k+1].
 
+    w is what really moved the path, as far as that is known: None where it is not, which counts as 0.
     Raises InputError for shapes that do not fit, values that are not finite and steps that are not equal.
     """
 
     t: np.ndarray
     x: np.ndarray
     u: np.ndarray
+    w: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        for name in ("t", "x", "u"):
+        for name in ("t", "x", "u") if self.w is None else ("t", "x", "u", "w"):
             values = as_array(f"trajectory: {name}", getattr(self, name))
             if not all_finite(values):
                 first = np.argwhere(~np.isfinite(values))[0]
@@ -35,9 +37,18 @@ class Trajectory:
             raise InputError(
                 f"trajectory: t {self.t.shape}, x {self.x.shape}, u {self.u.shape} do not fit: needs (N+1,), (N+1, n), (N, m), N > 0"
             )
+        if self.w is not None and (self.w.ndim != 2 or len(self.w) != steps):
+            raise InputError(f"trajectory: w has shape {self.w.shape}: must be ({steps}, p), a row for each row of u")
         require_positive("trajectory: step", float(self.t[1] - self.t[0]))
         if np.abs(self.t[1:] - self.t[:-1] - self.step).max() > 1e-6 * self.step:
             raise InputError("trajectory: t must have equal steps")
+
+    def part(self, first: int, last: int) -> Trajectory:
+        """Return the path from t[first] to t[last]; raise InputError unless 0 <= first < last <= N."""
+        require_count("first", first, least=0, most=self.steps - 1)
+        require_count("last", last, least=first + 1, most=self.steps)
+        nodes, held = slice(first, last + 1), slice(first, last)
+        return Trajectory(self.t[nodes], self.x[nodes], self.u[held], None if self.w is None else self.w[held])
 
     @property
     def steps(self) -> int:

@@ -84,16 +84,17 @@ def validate(
 ) -> Validation:
     """Run an EKF on `runs` simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
-    Truth follows the path's inputs from x(t_0) with process noise of psd (n,) or (n, n) [unit^2/s]; its samples have the
-    sensors' correlated noise and constant errors, and are missing out of range and view. Each filter starts at a draw from
-    N(x(t_0), P_0), knows the psd and takes each sample as independent, of the variance that information counts for it.
+    Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise of psd (n,) or (n, n) [unit^2/s];
+    its samples have the sensors' correlated noise and constant errors, and are missing out of range and view. Each filter
+    starts at a draw from N(x(t_0), P_0), knows the psd, takes each sample as independent, of the variance that information
+    counts for it, and unknown inputs as 0: only the bound is that of somebody who knows them.
     schedule: Schedule, (K, S) bool, or None = all sensors on.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
     require_count("seed", seed, least=0)
     require_fit(system, path)
-    path = simulate(system, path.x[0], path.u, path.step)  # what the truth follows, whatever else moved the path given
+    path = simulate(system, path.x[0], path.u, path.step, path.w)  # what the truth follows, whatever else moved the path given
     active = active_steps(system, path, schedule)
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
@@ -123,7 +124,7 @@ def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:
     model = system.model
     draws = [_draws(task, run) for run in task.runs]
     guess, gusts, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
-    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, kicks=gusts)
+    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, gusts)
     seen = readings(system, truth[:, :-1])
     y = seen.y + seen.spread * noise + bias[:, None]
     owner = np.array(model.output_owner)

@@ -48,6 +48,9 @@ class Swinging(AbstractVehicle):
         return Fields(drift, (ca.SX([0, 0, 1, 0]),), (ca.SX([0, 0, 0, 1]), ca.vertcat(0, 1, 0, 0.1 * x[2])))
 
 
+Law = Callable[[np.ndarray, float, np.ndarray], np.ndarray]  # x, u, w -> xdot
+
+
 def rate(x: np.ndarray, u: float, w: np.ndarray) -> np.ndarray:
     """The same law at a speed of 6 m/s, also for complex numbers."""
     return np.array(
@@ -60,12 +63,12 @@ def rate(x: np.ndarray, u: float, w: np.ndarray) -> np.ndarray:
     )
 
 
-def stepped(x: np.ndarray, u: float, w: np.ndarray, step: float) -> np.ndarray:
+def stepped(x: np.ndarray, u: float, w: np.ndarray, step: float, law: Law = rate) -> np.ndarray:
     """One step of the classical Runge-Kutta method."""
-    k1 = rate(x, u, w)
-    k2 = rate(x + step / 2 * k1, u, w)
-    k3 = rate(x + step / 2 * k2, u, w)
-    k4 = rate(x + step * k3, u, w)
+    k1 = law(x, u, w)
+    k2 = law(x + step / 2 * k1, u, w)
+    k3 = law(x + step / 2 * k2, u, w)
+    k4 = law(x + step * k3, u, w)
     return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
@@ -96,8 +99,9 @@ def flown(system: od.System, steps: int = STEPS, seed: int = 3, step: float = ST
 
 
 def part(path: od.Trajectory, first: int, last: int) -> od.Trajectory:
-    """The path from one step to another."""
-    return od.Trajectory(path.t[first : last + 1], path.x[first : last + 1], path.u[first:last])
+    """The path from one step to another, put together anew."""
+    w = None if path.w is None else path.w[first:last]
+    return od.Trajectory(path.t[first : last + 1], path.x[first : last + 1], path.u[first:last], w)
 
 
 def correlated_prior(n: int) -> od.Prior:

@@ -20,13 +20,29 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign import constraints, criteria, paths, sensors, vehicles
-from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign import constraints, costs, criteria, paths, sensors, vehicles
+from obsdesign.constraints.abstract import AbstractConstraint, Span
+from obsdesign.constraints.circle_clearance import CircleClearance
+from obsdesign.constraints.goal_pose import GoalPose
+from obsdesign.constraints.goal_region import GoalRegion
+from obsdesign.constraints.ground_speed import GroundSpeed
+from obsdesign.constraints.heading_sector import HeadingSector
+from obsdesign.constraints.keep_in import KeepIn
+from obsdesign.constraints.keep_out_polygon import KeepOutPolygon
+from obsdesign.constraints.loiter import Loiter
+from obsdesign.constraints.max_range import MaxRange
+from obsdesign.constraints.via import Via
+from obsdesign.costs.abstract import AbstractCost
+from obsdesign.costs.effort import Effort
+from obsdesign.costs.flight_time import FlightTime
+from obsdesign.costs.path_length import PathLength
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import kinds, leaf
+from obsdesign.moment import Moment
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.vehicles.abstract import AbstractVehicle
+from obsdesign.vehicles.omnidirectional import Omnidirectional
 
 few = settings(deadline=None, max_examples=10, database=None, derandomize=True)
 seeds = st.integers(0, 10**6)
@@ -59,12 +75,31 @@ def on_a_circle(speed: float, turn_rate: float, start: tuple[float, ...], wind: 
     return state_at
 
 
+def slipping(start: tuple[float, ...], forward: float, sideways: float, turn_rate: float) -> Callable[[float], np.ndarray]:
+    """Constant velocity along axes that turn at a constant rate: the integral of a rotating vector."""
+
+    def state_at(t: float) -> np.ndarray:
+        x, y, heading, *rest = start
+        end = heading + turn_rate * t
+        sine, cosine = math.sin(end) - math.sin(heading), math.cos(end) - math.cos(heading)
+        east, north = (forward * sine + sideways * cosine) / turn_rate, (sideways * sine - forward * cosine) / turn_rate
+        return np.array([x + east, y + north, end, *rest])
+
+    return state_at
+
+
 AT_REST, IN_WIND, WIND = (1.0, -2.0, 0.4), (1.0, -2.0, 0.4, 3.0, -1.5), (3.0, -1.5)
+SLIPS = (0.7, -2.0, 0.1)
 VEHICLES = {
     "dubins": [
         Flight(od.Dubins(8.0), AT_REST, (0.5,), (), on_a_circle(8.0, 0.5, AT_REST, (0.0, 0.0))),
         Flight(od.Dubins(8.0, wind="constant"), IN_WIND, (0.5,), (), on_a_circle(8.0, 0.5, IN_WIND, WIND)),
         Flight(od.Dubins(8.0, wind="unknown"), AT_REST, (-0.5,), WIND, on_a_circle(8.0, -0.5, AT_REST, WIND)),
+    ],
+    "omnidirectional": [
+        Flight(Omnidirectional(), AT_REST, (5.0, -3.0, 0.5), (), slipping(AT_REST, 5.0, -3.0, 0.5)),
+        Flight(Omnidirectional("constant"), (*AT_REST, *SLIPS), (5.0, -3.0, 0.4), (), slipping((*AT_REST, *SLIPS), 5.7, -5.0, 0.5)),
+        Flight(Omnidirectional("unknown"), AT_REST, (-4.0, 3.0, -0.6), SLIPS, slipping(AT_REST, -3.3, 1.0, -0.5)),
     ],
     "unicycle": [
         Flight(od.Unicycle(), AT_REST, (6.0, 0.5), (), on_a_circle(6.0, 0.5, AT_REST, (0.0, 0.0))),
@@ -103,27 +138,110 @@ PATHS: dict[str, list[tuple[AbstractPath, int, int]]] = {
 }
 
 
+Instant = tuple[float, ...]  # x, y, heading, rates of x and y; zeros at its end left out
+
+
 @dataclasses.dataclass(frozen=True)
 class Region:
-    """A constraint with points inside it, outside it and on its edge, for nodes or for the last node of a path."""
+    """A constraint with instants at which it holds, at which it is violated, and on its edge."""
 
     constraint: AbstractConstraint
-    of: str  # "nodes" or "end"
-    inside: tuple[tuple[float, float], ...]
-    outside: tuple[tuple[float, float], ...]
-    edge: tuple[tuple[float, float], ...]
+    inside: tuple[Instant, ...]
+    outside: tuple[Instant, ...]
+    edge: tuple[Instant, ...]
     landmarks: tuple[tuple[float, float], ...] = ()
 
 
 POSTS = ((10.0, 0.0), (-10.0, 5.0))
+ROUND = ((2.0, 0.0), (-2.0, 0.0), (0.0, -2.0))  # on the circle of radius 2 about the origin
+SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+WITHIN = ((5.0, 5.0), (9.9, 0.1)), ((-0.1, 5.0), (5.0, 40.0)), ((10.0, 3.0), (0.0, 0.0), (4.0, 10.0))
+IN_DISC = ((3.0, 4.0), (4.9, 4.0)), ((5.1, 4.0), (0.0, 0.0)), ((3.0, 6.0), (1.0, 4.0))
+OUT_OF_DISC = (IN_DISC[1], IN_DISC[0], IN_DISC[2])
+# beside the middle of an edge a smooth maximum widens the square by 0.02 size log 4, its size being 5
+WIDER = 0.1 * math.log(4.0)
+ALONG = (
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 2 * math.pi - 0.49)),
+    ((0.0, 0.0, 0.51), (0.0, 0.0, 3.0)),
+    ((0.0, 0.0, 0.5), (0.0, 0.0, -0.5 - 2 * math.pi)),
+)
 CONSTRAINTS = {
-    "goal": [Region(od.Goal((3.0, 4.0), 2.0), "end", ((3.0, 4.0), (4.9, 4.0)), ((5.1, 4.0), (0.0, 0.0)), ((3.0, 6.0), (1.0, 4.0)))],
-    "keep_out": [
-        Region(od.KeepOut((3.0, 4.0), 2.0), "nodes", ((5.1, 4.0), (0.0, 0.0)), ((3.0, 4.0), (3.0, 5.9)), ((3.0, 6.0), (1.0, 4.0)))
+    "circle_clearance": [
+        Region(
+            CircleClearance(0.5, 2.0, ROUND),
+            ((2.6, 0.0), (0.0, 1.4), (0.0, 0.0), (2.0, 0.0, 0.0, 0.3, -9.0), (0.0, 2.0, 0.0, 9.0, -0.3), (2.4, 0.0, 0.0, 0.2, 0.0)),
+            ((2.4, 0.0), (-2.0, 0.0), (0.0, 2.0, 0.0, -9.0, 0.0), (2.0, 0.0, 0.0, 0.2, 9.0)),
+            ((2.0, 0.0, 0.0, 0.25, 9.0), (0.0, -2.0, 0.0, 0.0, 0.25)),
+            POSTS,
+        ),
+        Region(CircleClearance(0.5, 2.0), ((2.6, 0.0),), ((2.4, 0.0),), ((0.0, 2.0, 0.0, 0.0, -0.25),), ROUND),
+    ],
+    "goal": [Region(od.Goal((3.0, 4.0), 2.0), *IN_DISC)],
+    "goal_pose": [
+        Region(
+            GoalPose((3.0, 4.0), 3.0, 2.0, 0.5),
+            ((3.0, 4.0, 3.0), (4.9, 4.0, 3.4), (4.0, 4.0, -3.0)),
+            ((5.1, 4.0, 3.0), (3.0, 4.0, 2.4), (3.0, 4.0, -2.7), (0.0, 0.0)),
+            ((3.0, 6.0, 3.1), (3.0, 4.0, 2.5), (3.0, 4.0, 3.5 - 2 * math.pi), (1.0, 4.0, 3.5)),
+        )
+    ],
+    "goal_region": [Region(GoalRegion(SQUARE), *WITHIN)],
+    "ground_speed": [
+        Region(
+            GroundSpeed(2.0, 10.0),
+            ((0.0, 0.0, 0.0, 3.0, 4.0), (9.0, 9.0, 1.0, -2.1, 0.0)),
+            ((0.0,), (0.0, 0.0, 0.0, 1.9, 0.0), (0.0, 0.0, 0.0, 8.0, -9.0)),
+            ((0.0, 0.0, 0.0, 2.0, 0.0), (0.0, 0.0, 0.0, -6.0, 8.0)),
+        ),
+        Region(GroundSpeed(least=5.0), ((0.0, 0.0, 0.0, 9.0),), ((0.0,),), ((0.0, 0.0, 0.0, 3.0, 4.0),)),
+        Region(GroundSpeed(most=5.0), ((0.0,),), ((0.0, 0.0, 0.0, 9.0),), ((0.0, 0.0, 0.0, 3.0, 4.0),)),
+    ],
+    "heading_sector": [
+        Region(HeadingSector(-0.5, 0.5), *ALONG),
+        Region(HeadingSector(2 * math.pi - 0.5, 0.5, 3.0, 8.0), *ALONG),
+        Region(HeadingSector(0.5, -0.5), ALONG[1], ALONG[0], ALONG[2]),
+    ],
+    "keep_in": [Region(KeepIn(SQUARE), *WITHIN)],
+    "keep_out": [Region(od.KeepOut((3.0, 4.0), 2.0), *OUT_OF_DISC)],
+    "keep_out_polygon": [
+        Region(
+            KeepOutPolygon(SQUARE),
+            ((-0.2, 5.0), (40.0, 40.0), (4.0, 10.2)),
+            ((5.0, 5.0), (9.9, 0.1), (10.0, 10.0), (5.0, 0.0)),
+            ((-WIDER, 5.0), (4.0, 10.0 + WIDER)),
+        )
+    ],
+    "loiter": [Region(Loiter((3.0, 4.0), 2.0, 5.0, 9.0), *IN_DISC), Region(Loiter((3.0, 4.0), 2.0, 5.0), *IN_DISC)],
+    "max_range": [
+        Region(MaxRange(12.0), ((0.0, 0.0), (0.0, 5.0)), ((-3.0, 0.0), (40.0, 3.0)), ((-2.0, 0.0), (2.0, 5.0)), POSTS),
+        Region(MaxRange(2.0, ((3.0, 4.0),)), *IN_DISC, POSTS),
     ],
     "stand_off": [
-        Region(od.StandOff(3.0), "nodes", ((0.0, 0.0), (13.1, 0.0)), ((10.0, 2.9), (-10.0, 5.0)), ((10.0, 3.0), (-13.0, 5.0)), POSTS)
+        Region(od.StandOff(3.0), ((0.0, 0.0), (13.1, 0.0)), ((10.0, 2.9), (-10.0, 5.0)), ((10.0, 3.0), (-13.0, 5.0)), POSTS),
+        Region(od.StandOff(2.0, ((3.0, 4.0),)), *OUT_OF_DISC, POSTS),
     ],
+    "via": [Region(Via((3.0, 4.0), 2.0), *IN_DISC), Region(Via((3.0, 4.0), 2.0, 5.0, 9.0), *IN_DISC)],
+}
+LENGTHS = {"point", "centre", "corners", "landmarks", "tolerance", "radius", "distance", "clearance", "least", "most"}
+REAL = {"heading", "low", "high", "first", "last"}  # numbers that may be 0; first and last may not be negative
+
+
+@dataclasses.dataclass(frozen=True)
+class Account:
+    """A cost, its unit, and what it costs by hand per second with rates (x, y) and inputs of these names."""
+
+    cost: AbstractCost
+    unit: str
+    by_hand: Callable[[float, float, float, float], float]
+
+
+COSTS = {
+    "effort": [
+        Account(Effort({"speed": 0.5}), "", lambda _, __, speed, ___: 0.5 * speed**2),
+        Account(Effort((("turn_rate", 3.0), ("speed", 0.5))), "", lambda _, __, speed, turn_rate: 0.5 * speed**2 + 3 * turn_rate**2),
+    ],
+    "flight_time": [Account(FlightTime(), "s", lambda *_: 1.0)],
+    "path_length": [Account(PathLength(), "m", lambda east, north, *_: math.hypot(east, north))],
 }
 
 
@@ -151,6 +269,7 @@ FAMILIES: dict[str, tuple[ModuleType, type, Mapping[str, list[Any]], Callable[[A
     "SENSORS": (sensors, AbstractSensor, SENSORS, lambda example: example.sensor),
     "PATHS": (paths, AbstractPath, PATHS, lambda example: example[0]),
     "CONSTRAINTS": (constraints, AbstractConstraint, CONSTRAINTS, lambda example: example.constraint),
+    "COSTS": (costs, AbstractCost, COSTS, lambda example: example.cost),
     "CRITERIA": (criteria, AbstractCriterion, CRITERIA, lambda example: example.criterion),
 }
 MEMBERS = [(table, kind) for table, (package, *_) in FAMILIES.items() for kind in kinds(package)]
@@ -291,6 +410,11 @@ def test_dubins_needs_a_speed(speed: float):
 def test_wind_is_none_constant_or_unknown(vehicle: Callable[..., object]):
     with pytest.raises(od.InputError, match=r"wind is 'gusty': must be None, 'constant' .* or 'unknown'"):
         vehicle(wind="gusty")
+
+
+def test_slips_are_none_constant_or_unknown():
+    with pytest.raises(od.InputError, match=r"disturbance is 'wind': must be None, 'constant' .*turn_slip\) or 'unknown'"):
+        Omnidirectional("wind")
 
 
 # ---------------------------------------------------------------- sensors
@@ -464,59 +588,131 @@ def test_pieces_are_counted(pieces: object):
 # ---------------------------------------------------------------- constraints
 
 
-def margins(region: Region, x: Any, y: Any) -> list[Any]:
-    if region.of == "end":
-        return region.constraint.at_end(x, y)
-    return region.constraint.at_nodes(x, y, region.landmarks)
+def margins(region: Region, instant: Any) -> list[Any]:
+    """Margins at an instant (x, y, heading, rates of x and y) of floats, arrays or symbols."""
+    x, y, heading, east, north = instant
+    return region.constraint.margins(Moment({"x": x, "y": y, "heading": heading}, {"x": east, "y": north}, {}, region.landmarks))
+
+
+def whole(instant: Instant) -> Instant:
+    return (*instant, *(0.0,) * (5 - len(instant)))
 
 
 @each("CONSTRAINTS")
 def test_margins_have_the_right_sign_and_vanish_on_the_edge(kind: str):
     for region in examples("CONSTRAINTS", kind):
-        for point in region.inside:
-            assert min(margins(region, *point)) > 0
-        for point in region.outside:
-            assert min(margins(region, *point)) < 0
-        for point in region.edge:
-            assert abs(min(margins(region, *point))) < 1e-12
+        for instant in region.inside:
+            assert min(margins(region, whole(instant))) > 0
+        for instant in region.outside:
+            assert min(margins(region, whole(instant))) < 0
+        for instant in region.edge:
+            assert abs(min(margins(region, whole(instant)))) < 1e-12
 
 
 @each("CONSTRAINTS")
 def test_margins_are_the_same_for_floats_arrays_and_symbols(kind: str):
     for region in examples("CONSTRAINTS", kind):
-        points = np.array([*region.inside, *region.outside, *region.edge])
-        x, y = ca.SX.sym("x", len(points)), ca.SX.sym("y", len(points))
-        symbolic = ca.Function("margins", [x, y], [ca.horzcat(*margins(region, x, y))])(points[:, 0], points[:, 1]).full()
-        at_once = np.stack(margins(region, points[:, 0], points[:, 1]), axis=1)
-        one_by_one = np.array([margins(region, *point) for point in points])
-        np.testing.assert_allclose(symbolic, one_by_one, rtol=1e-14, atol=1e-14)
-        np.testing.assert_allclose(at_once, one_by_one, rtol=1e-14, atol=1e-14)
+        instants = np.array([whole(instant) for instant in (*region.inside, *region.outside, *region.edge)])
+        symbols = ca.SX.sym("instant", 5)
+        symbolic = ca.Function("margins", [symbols], [ca.vertcat(*margins(region, ca.vertsplit(symbols)))])(instants.T).full().T
+        at_once = np.stack(margins(region, instants.T), axis=1)
+        one_by_one = np.array([margins(region, tuple(map(float, instant))) for instant in instants])
+        np.testing.assert_allclose(symbolic, one_by_one, rtol=1e-13, atol=1e-13)
+        np.testing.assert_allclose(at_once, one_by_one, rtol=1e-13, atol=1e-13)
+
+
+@each("CONSTRAINTS")
+def test_margins_need_the_states_that_the_constraint_names_and_no_others(kind: str):
+    for region in examples("CONSTRAINTS", kind):
+        state = dict.fromkeys(region.constraint.states, 0.3)
+        moment = Moment(state, dict.fromkeys(state, 0.2), {}, region.landmarks)
+        assert len(region.constraint.margins(moment)) == len(margins(region, whole(region.inside[0])))
+        for name in state:
+            others = {other: 0.3 for other in state if other != name}
+            with pytest.raises(KeyError, match=name):
+                region.constraint.margins(Moment(others, others, {}, region.landmarks))
+
+
+@each("CONSTRAINTS")
+def test_a_constraint_says_when_it_holds_how_large_it_is_and_what_it_is_called(kind: str):
+    for region in examples("CONSTRAINTS", kind):
+        constraint = region.constraint
+        assert isinstance(constraint.span, Span)
+        size, unit = constraint.size
+        assert 0 < size < np.inf
+        assert unit
+        assert str(constraint).startswith(type(constraint).__name__)
+        assert len({str(each.constraint) for each in examples("CONSTRAINTS", kind)}) == len(examples("CONSTRAINTS", kind))
+
+
+def scaled_by(scale: float, value: Any) -> Any:
+    """Numbers, points and tuples of points, times a number; None stays."""
+    if value is None:
+        return None
+    return tuple(scaled_by(scale, item) for item in value) if isinstance(value, tuple) else scale * value
 
 
 @each("CONSTRAINTS")
 @few
 @given(scale=st.floats(1e-3, 1e3), seed=seeds)
 def test_margins_have_no_unit(kind: str, scale: float, seed: int):
-    """Kilometres instead of metres change no margin: every length of the constraint, and the point, is scaled."""
+    """Kilometres instead of metres change no margin: every length of the constraint, and the instant, is scaled."""
     for region in examples("CONSTRAINTS", kind):
-        x, y = np.random.default_rng(seed).uniform(-10, 10, 2)
-        lengths = {
-            field.name: np.multiply(getattr(region.constraint, field.name), scale) for field in dataclasses.fields(region.constraint)
-        }
-        scaled = {name: tuple(map(float, value)) if np.ndim(value) else float(value) for name, value in lengths.items()}
-        landmarks = tuple((scale * east, scale * north) for east, north in region.landmarks)
-        other = dataclasses.replace(region, constraint=dataclasses.replace(region.constraint, **scaled), landmarks=landmarks)
-        np.testing.assert_allclose(margins(other, scale * x, scale * y), margins(region, x, y), rtol=1e-9, atol=1e-9)
+        x, y, heading, east, north = np.random.default_rng(seed).uniform(-10, 10, 5)
+        names = [field.name for field in dataclasses.fields(region.constraint) if field.name in LENGTHS]
+        lengths = {name: scaled_by(scale, getattr(region.constraint, name)) for name in names}
+        constraint = dataclasses.replace(region.constraint, **lengths)
+        other = dataclasses.replace(region, constraint=constraint, landmarks=scaled_by(scale, region.landmarks))
+        found = margins(other, (scale * x, scale * y, heading, scale * east, scale * north))
+        np.testing.assert_allclose(found, margins(region, (x, y, heading, east, north)), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, "3", True])
 @each("CONSTRAINTS")
-def test_a_length_of_a_constraint_is_positive(kind: str, value: float):
+def test_a_number_of_a_constraint_is_finite_and_its_sizes_are_positive(kind: str, value: object):
     for region in examples("CONSTRAINTS", kind):
-        for field in dataclasses.fields(region.constraint):
-            if np.ndim(getattr(region.constraint, field.name)) == 0:
-                with pytest.raises(od.InputError, match=rf"^{kind}: {field.name} is {value!r}: must be a finite number above 0$"):
-                    dataclasses.replace(region.constraint, **{field.name: value})
+        fields = [field.name for field in dataclasses.fields(region.constraint)]
+        numbers = [name for name in fields if isinstance(getattr(region.constraint, name), float)]
+        for name in numbers:
+            if name not in REAL or value not in (0.0, -1.0):
+                with pytest.raises(od.InputError, match=rf"^{kind}: {name} is {value!r}: must be a finite number"):
+                    dataclasses.replace(region.constraint, **{name: value})
+
+
+# ---------------------------------------------------------------- costs
+
+
+def rates(cost: AbstractCost, instant: Any) -> Any:
+    """What a cost is per second, at rates (x, y) and inputs (speed, turn_rate) of floats, arrays or symbols."""
+    east, north, speed, turn_rate = instant
+    return cost.rate(Moment({"x": 0 * east, "y": 0 * north}, {"x": east, "y": north}, {"speed": speed, "turn_rate": turn_rate}))
+
+
+INSTANTS = np.random.default_rng(0).uniform(-3, 3, (6, 4))
+
+
+@each("COSTS")
+def test_a_cost_is_what_it_is_by_hand_for_floats_arrays_and_symbols(kind: str):
+    for account in examples("COSTS", kind):
+        expected = [account.by_hand(*instant) for instant in INSTANTS]
+        symbols = ca.SX.sym("instant", 4)
+        symbolic = ca.Function("rate", [symbols], [rates(account.cost, ca.vertsplit(symbols))])(INSTANTS.T).full().ravel()
+        at_once = rates(account.cost, INSTANTS.T)
+        one_by_one = [rates(account.cost, tuple(map(float, instant))) for instant in INSTANTS]
+        assert at_once.shape == (len(INSTANTS),)
+        for found in (symbolic, at_once, one_by_one):
+            np.testing.assert_allclose(found, expected, rtol=1e-7)
+        assert account.cost.unit == account.unit
+
+
+@each("COSTS")
+def test_a_cost_is_smooth_and_at_least_zero_at_rest(kind: str):
+    for account in examples("COSTS", kind):
+        symbols = ca.SX.sym("instant", 4)
+        hessian, gradient = ca.hessian(rates(account.cost, ca.vertsplit(symbols)), symbols)
+        values = ca.Function("smooth", [symbols], [hessian, gradient])(np.zeros(4))
+        assert all(np.isfinite(value.full()).all() for value in values)
+        assert rates(account.cost, (0.0, 0.0, 0.0, 0.0)) >= 0
 
 
 # ---------------------------------------------------------------- criteria: three faces of one number

@@ -59,7 +59,9 @@ def test_the_integral_along_a_log_is_that_of_a_vehicle_at_rest():
 
 
 def test_validation_compares_with_the_bound_of_the_path_that_the_truth_follows():
-    path, prior = gusty(), od.Prior(X0[:3], std=(1.0, 1.0, 0.1))
+    """Of a log that tells nothing of the gusts: that of its inputs."""
+    gusts, prior = gusty(), od.Prior(X0[:3], std=(1.0, 1.0, 0.1))
+    path = od.Trajectory(gusts.t, gusts.x, gusts.u)
     flown = od.simulate(BLOWN, path.x[0], path.u, path.step)
     found, expected = (od.validate(BLOWN, each, prior=prior, runs=20) for each in (path, flown))
     np.testing.assert_array_equal(found.bound, expected.bound)

@@ -1,32 +1,47 @@
-"""What a constraint is: numbers that must not be negative."""
+"""What a constraint is: numbers that must not be negative while it holds."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
 
-from obsdesign.signals import Point
+from obsdesign.moment import Coordinate, Moment
 
-# coordinates [m] of one or more nodes: floats, NumPy arrays and SX columns alike, so one definition serves check and design
-Coordinate = Any
+
+@dataclass(frozen=True)
+class Span:
+    """When a constraint holds: from `first` to `last` [s]; None = the end of the path. anywhere: at one instant of it, not at all."""
+
+    first: float | None = 0.0
+    last: float | None = None
+    anywhere: bool = False
+
+
+ALWAYS, AT_END = Span(), Span(None, None)
 
 
 class AbstractConstraint(ABC):
-    """A limit on where a path may go. Leaves are final frozen dataclasses, one file each.
+    """A limit on a path. Leaves are final frozen dataclasses, one file each; str() of one is how messages call it.
 
-    Margins are >= 0 where the constraint holds, without unit and of order 1, elementwise in x and y.
+    Margins are >= 0 where the constraint holds, without unit, of order 1 near its edge, growing in proportion to distance, not to
+    its square; smooth where they are small.
     """
 
+    @property
     @abstractmethod
-    def at_nodes(self, x: Coordinate, y: Coordinate, landmarks: Sequence[Point]) -> list[Coordinate]:
-        """Return margins that must hold at every node (x, y) of the path."""
+    def span(self) -> Span:
+        """When it must hold."""
+
+    @property
+    @abstractmethod
+    def states(self) -> tuple[str, ...]:
+        """Names of the states that the margins need."""
+
+    @property
+    @abstractmethod
+    def size(self) -> tuple[float, str]:
+        """What a margin of 1 is worth, and its unit: (3.0, "m")."""
 
     @abstractmethod
-    def at_end(self, x: Coordinate, y: Coordinate) -> list[Coordinate]:
-        """Return margins that must hold at the last node (x, y)."""
-
-
-def squared_distance(x: Coordinate, y: Coordinate, point: Point) -> Coordinate:
-    """(x - px)^2 + (y - py)^2 [m^2]."""
-    return (x - point[0]) * (x - point[0]) + (y - point[1]) * (y - point[1])
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return the margins at a moment; the number of them depends on the landmarks alone."""

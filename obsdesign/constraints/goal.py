@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from obsdesign.checks import as_pair, require_positive
-from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, squared_distance
+from obsdesign.checks import as_pair
+from obsdesign.constraints._given import LENGTH, as_size, spelled
+from obsdesign.constraints._shapes import outside_disc
+from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
 
 
 @dataclass(frozen=True)
 class Goal(AbstractConstraint):
-    """|position(t_N) - point| <= tolerance; point (x, y) [m], tolerance [m] > 0."""
+    """|position(t_N) - point| <= tolerance; point (x, y) [m], tolerance [m] > 0. Raises InputError for other values.
+
+    margin = 1 - |position - point| / tolerance, rounded within 0.001 tolerance of the point, where it has a derivative.
+    """
 
     point: Point
     tolerance: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", as_pair("goal: point", self.point))
-        require_positive("goal: tolerance", self.tolerance)
+        object.__setattr__(self, "tolerance", as_size("goal: tolerance", self.tolerance))
 
-    def at_nodes(self, x: Coordinate, y: Coordinate, landmarks: Sequence[Point]) -> list[Coordinate]:
-        return []
+    def __str__(self) -> str:
+        return f"Goal: within {spelled(self.tolerance)} m of {spelled(*self.point)}"
 
-    def at_end(self, x: Coordinate, y: Coordinate) -> list[Coordinate]:
-        return [1 - squared_distance(x, y, self.point) / self.tolerance**2]
+    @property
+    def span(self) -> Span:
+        return AT_END
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.tolerance, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return [-outside_disc(moment, self.point, self.tolerance)]

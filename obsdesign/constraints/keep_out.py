@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from obsdesign.checks import as_pair, require_positive
-from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, squared_distance
+from obsdesign.checks import as_pair
+from obsdesign.constraints._given import LENGTH, as_size, spelled
+from obsdesign.constraints._shapes import outside_disc
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
 
 
 @dataclass(frozen=True)
 class KeepOut(AbstractConstraint):
-    """|position(t_k) - centre| >= radius at every node; centre (x, y) [m], radius [m] > 0."""
+    """|position - centre| >= radius; centre (x, y) [m], radius [m] > 0. Raises InputError for other values.
+
+    margin = |position - centre| / radius - 1, rounded within 0.001 radius of the centre, where it has a derivative.
+    """
 
     centre: Point
     radius: float
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", as_pair("keep_out: centre", self.centre))
-        require_positive("keep_out: radius", self.radius)
+        object.__setattr__(self, "radius", as_size("keep_out: radius", self.radius))
 
-    def at_nodes(self, x: Coordinate, y: Coordinate, landmarks: Sequence[Point]) -> list[Coordinate]:
-        return [squared_distance(x, y, self.centre) / self.radius**2 - 1]
+    def __str__(self) -> str:
+        return f"KeepOut: at least {spelled(self.radius)} m from {spelled(*self.centre)}"
 
-    def at_end(self, x: Coordinate, y: Coordinate) -> list[Coordinate]:
-        return []
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.radius, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return [outside_disc(moment, self.centre, self.radius)]

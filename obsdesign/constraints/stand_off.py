@@ -2,25 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from obsdesign.checks import require_positive
-from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, squared_distance
+from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
+from obsdesign.constraints._shapes import outside_disc
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
 
 
 @dataclass(frozen=True)
 class StandOff(AbstractConstraint):
-    """|position(t_k) - landmark| >= distance for every landmark that a sensor looks at; distance [m] > 0."""
+    """|position - landmark| >= distance for every landmark; distance [m] > 0. Raises InputError for other values.
+
+    landmarks (k, 2) [m]; None = those that the sensors look at. One margin per landmark, |position - landmark| / distance - 1,
+    rounded within 0.001 distance of the landmark, where it has a derivative.
+    """
 
     distance: float
+    landmarks: tuple[Point, ...] | None = None
 
     def __post_init__(self) -> None:
-        require_positive("stand_off: distance", self.distance)
+        object.__setattr__(self, "distance", as_size("stand_off: distance", self.distance))
+        object.__setattr__(self, "landmarks", as_landmarks("stand_off: landmarks", self.landmarks))
 
-    def at_nodes(self, x: Coordinate, y: Coordinate, landmarks: Sequence[Point]) -> list[Coordinate]:
-        return [squared_distance(x, y, point) / self.distance**2 - 1 for point in landmarks]
+    def __str__(self) -> str:
+        which = "the landmarks" if self.landmarks is None else spelled_points(self.landmarks)
+        return f"StandOff: at least {spelled(self.distance)} m from {which}"
 
-    def at_end(self, x: Coordinate, y: Coordinate) -> list[Coordinate]:
-        return []
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.distance, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        points = moment.landmarks if self.landmarks is None else self.landmarks
+        return [outside_disc(moment, point, self.distance) for point in points]

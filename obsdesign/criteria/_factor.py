@@ -1,52 +1,10 @@
-"""Lower-triangular factors as NLP variables, shared by the lifts."""
+"""Information matrices: freed from the units of their rows, and what is left of them for some of the states."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import casadi as ca
-
-
-def lower_triangular(name: str, n: int) -> ca.SX:
-    """Return a symbolic lower-triangular matrix (n, n)."""
-    import casadi as ca
-
-    return ca.SX.sym(name, ca.Sparsity.lower(n))
-
-
-def entries(L: ca.SX) -> ca.SX:
-    """Return the n(n+1)/2 entries of a lower-triangular L as a column, by columns."""
-    return L.nz[:]
-
-
-def entries_of(L: np.ndarray) -> np.ndarray:
-    """Return the same entries of a numerical L (n, n)."""
-    rows, columns = np.tril_indices(len(L))
-    order = np.lexsort((rows, columns))
-    return L[rows[order], columns[order]]
-
-
-def diagonal_at_least(n: int, floor: float) -> np.ndarray:
-    """Return lower bounds for `entries`: floor on the diagonal (it removes sign copies), none elsewhere."""
-    return entries_of(np.where(np.eye(n, dtype=bool), floor, -np.inf))
-
-
-def lower_entries(A: ca.SX) -> ca.SX:
-    """Return the lower triangle of a square A as a column: what an equality of symmetric matrices says once."""
-    import casadi as ca
-
-    return ca.vertcat(*[A[i, j] for j in range(A.shape[0]) for i in range(j, A.shape[0])])
-
-
-def nearest_factor(A: np.ndarray) -> np.ndarray:
-    """Return the Cholesky factor of A (n, n), with eigenvalues below 1e-12 of the largest raised to that."""
-    values, vectors = np.linalg.eigh(A)
-    raised = np.maximum(values, 1e-12 * max(values[-1], 1.0))
-    return np.linalg.cholesky((vectors * raised) @ vectors.T)
 
 
 @dataclass(frozen=True)
@@ -66,3 +24,29 @@ def balanced(W: np.ndarray) -> Balanced | None:
     d = np.sqrt(diagonal)
     values, V = np.linalg.eigh(W / np.outer(d, d))
     return Balanced(d, values, V) if values[0] > len(W) * np.finfo(float).eps * values[-1] else None
+
+
+def shadow(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return W_aa - W_ab W_bb^-1 W_ba for the kept states a (indices): what W says about them while the others are found as well."""
+    others = np.setdiff1d(np.arange(len(W)), kept)
+    if not others.size:
+        return W[np.ix_(kept, kept)]
+    known, mixed = W[np.ix_(others, others)], W[np.ix_(others, kept)]
+    return W[np.ix_(kept, kept)] - mixed.T @ _solved(known, mixed)
+
+
+def shadow_lift(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Return L (n, k) with shadow = L' W L and, to first order, d shadow = L' dW L."""
+    others = np.setdiff1d(np.arange(len(W)), kept)
+    L = np.zeros((len(W), len(kept)))
+    L[kept, np.arange(len(kept))] = 1.0
+    if others.size:
+        L[others] = -_solved(W[np.ix_(others, others)], W[np.ix_(others, kept)])
+    return L
+
+
+def _solved(known: np.ndarray, mixed: np.ndarray) -> np.ndarray:
+    """W_bb^+ W_ba, by the balanced pseudo-inverse: a state that nothing is known of has no entries in W_ba either."""
+    diagonal = np.sqrt(np.maximum(np.diag(known), np.finfo(float).tiny))
+    balanced = known / np.outer(diagonal, diagonal)
+    return np.linalg.lstsq(balanced, mixed / diagonal[:, None], rcond=len(known) * np.finfo(float).eps)[0] / diagonal[:, None]

@@ -1,33 +1,16 @@
-"""What a criterion is: one number with three faces."""
+"""What a criterion is: one number with three faces, for analysis, design and selection."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import casadi as ca
     import cvxpy as cp
     import numpy as np
 
     from obsdesign.prior import Prior
-
-
-@dataclass(frozen=True)
-class Lift:
-    """A criterion as a smooth program: maximise `objective` over extra `variables` subject to `equalities` = 0.
-
-    All are SX columns; `lower` (v,) bounds the variables from below; `start` maps a numerical W (n, n) and the unit c
-    to values (v,) of the variables that satisfy the equalities, or nearly.
-    """
-
-    objective: ca.SX
-    variables: ca.SX
-    equalities: ca.SX
-    lower: np.ndarray
-    start: Callable[[np.ndarray, float], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -60,9 +43,14 @@ class AbstractCriterion(ABC):
     def resolution(self) -> float:
         """Two values nearer than this are one: 0 for a number that scales with W, whose differences are judged relatively."""
 
+    @property
     @abstractmethod
-    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
-        """Return the number as smooth constraints, with W measured in units of the scalar c > 0 for conditioning."""
+    def is_smallest_eigenvalue(self) -> bool:
+        """Whether a design follows it by W - t I >= 0, maximise t: it has no slope where eigenvalues meet, and optima lie there."""
+
+    @abstractmethod
+    def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        """Return -d2 value[D_i, D_j] (q, q) >= 0 at W > 0 for directions D (q, n, n); 0 for a smallest eigenvalue."""
 
     @abstractmethod
     def atom(self, W: cp.Expression) -> cp.Expression:

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from obsdesign.criteria import _factor as factor
-from obsdesign.criteria.abstract import AbstractCriterion, Lift
+from obsdesign.criteria.abstract import AbstractCriterion
 
 if TYPE_CHECKING:
-    import casadi as ca
     import cvxpy as cp
 
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 class LogDet(AbstractCriterion):
     """log det W: minus twice the log volume of the confidence ellipsoid, up to a constant.
 
-    Lift: W / c = L L', maximise 2 sum log L_ii + n log c.
+    Slope W^-1.
     """
 
     @property
@@ -37,24 +36,15 @@ class LogDet(AbstractCriterion):
     def resolution(self) -> float:
         return 1e-6
 
-    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
-        import casadi as ca
+    @property
+    def is_smallest_eigenvalue(self) -> bool:
+        return False
 
-        n = W.shape[0]
-        L = factor.lower_triangular("L", n)
-        return Lift(
-            objective=2 * ca.sum1(ca.log(ca.diag(L))) + n * ca.log(c),
-            variables=factor.entries(L),
-            equalities=factor.lower_entries(W / c - L @ L.T),
-            lower=factor.diagonal_at_least(n, 1e-9),  # the logarithm's domain is open
-            start=_start,
-        )
+    def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        scaled = np.linalg.solve(W, D)
+        return np.einsum("iab,jba->ij", scaled, scaled)
 
     def atom(self, W: cp.Expression) -> cp.Expression:
         import cvxpy as cp
 
         return cp.log_det(W)
-
-
-def _start(W: np.ndarray, c: float) -> np.ndarray:
-    return factor.entries_of(factor.nearest_factor(W / c))

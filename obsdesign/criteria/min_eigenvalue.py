@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from obsdesign.criteria import _factor as factor
-from obsdesign.criteria.abstract import AbstractCriterion, Lift
+from obsdesign.criteria.abstract import AbstractCriterion
 
 if TYPE_CHECKING:
-    import casadi as ca
     import cvxpy as cp
 
 _TIE = 1e-12  # eigenvalues nearer than this share of the largest are one
@@ -21,7 +19,7 @@ _TIE = 1e-12  # eigenvalues nearer than this share of the largest are one
 class MinEigenvalue(AbstractCriterion):
     """lambda_min(W): information about the direction known least.
 
-    Lift: max c t subject to W / c - t I = L L', L lower triangular; smooth where eigenvalues coincide.
+    In a design: max t subject to W - t I >= 0, without a slope where eigenvalues coincide.
     """
 
     @property
@@ -41,26 +39,14 @@ class MinEigenvalue(AbstractCriterion):
     def resolution(self) -> float:
         return 0.0
 
-    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
-        import casadi as ca
+    @property
+    def is_smallest_eigenvalue(self) -> bool:
+        return True
 
-        n = W.shape[0]
-        t, L = ca.SX.sym("t"), factor.lower_triangular("L", n)
-        return Lift(
-            objective=t * c,
-            variables=ca.vertcat(t, factor.entries(L)),
-            equalities=factor.lower_entries(W / c - t * ca.SX.eye(n) - L @ L.T),
-            lower=np.concatenate([[-np.inf], factor.diagonal_at_least(n, 0.0)]),
-            start=_start,
-        )
+    def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        return np.zeros((len(D), len(D)))
 
     def atom(self, W: cp.Expression) -> cp.Expression:
         import cvxpy as cp
 
         return cp.lambda_min(W)
-
-
-def _start(W: np.ndarray, c: float) -> np.ndarray:
-    # a little below the eigenvalue, so that L is not singular
-    t = 0.9 * float(np.linalg.eigvalsh(W / c)[0])
-    return np.concatenate([[t], factor.entries_of(factor.nearest_factor(W / c - t * np.eye(len(W))))])

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from obsdesign.criteria.abstract import AbstractCriterion, Knowledge, Lift
+from obsdesign.criteria.abstract import AbstractCriterion, Knowledge
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.prior import Prior
 
 if TYPE_CHECKING:
-    import casadi as ca
     import cvxpy as cp
 
 
@@ -51,8 +50,12 @@ class Posterior(AbstractCriterion):
     def resolution(self) -> float:
         return self.criterion.resolution
 
-    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
-        return self.criterion.lift(W, c)
+    @property
+    def is_smallest_eigenvalue(self) -> bool:
+        return self.criterion.is_smallest_eigenvalue
+
+    def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        return self.criterion.curvature(W, D)
 
     def atom(self, W: cp.Expression) -> cp.Expression:
         return self.criterion.atom(W)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from obsdesign.criteria import _factor as factor
-from obsdesign.criteria.abstract import AbstractCriterion, Lift
+from obsdesign.criteria.abstract import AbstractCriterion
 
 if TYPE_CHECKING:
-    import casadi as ca
     import cvxpy as cp
 
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 class TraceInverse(AbstractCriterion):
     """-tr W^-1: minus the sum of the Cramer-Rao variances.
 
-    Lift: W / c = L L', X L = I with X lower triangular, maximise -|X|_F^2 / c.
+    Slope W^-2.
     """
 
     @property
@@ -38,26 +37,16 @@ class TraceInverse(AbstractCriterion):
     def resolution(self) -> float:
         return 0.0
 
-    def lift(self, W: ca.SX, c: ca.SX) -> Lift:
-        import casadi as ca
+    @property
+    def is_smallest_eigenvalue(self) -> bool:
+        return False
 
-        n = W.shape[0]
-        L, X = factor.lower_triangular("L", n), factor.lower_triangular("X", n)
-        floor = factor.diagonal_at_least(n, 0.0)
-        return Lift(
-            objective=-ca.sumsqr(X) / c,
-            variables=ca.vertcat(factor.entries(L), factor.entries(X)),
-            equalities=ca.vertcat(factor.lower_entries(W / c - L @ L.T), factor.lower_entries(X @ L - ca.SX.eye(n))),
-            lower=np.concatenate([floor, floor]),
-            start=_start,
-        )
+    def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        # 2 tr(V D_i V D_j V) with V = W^-1
+        V = np.linalg.inv(W)
+        return 2 * np.einsum("iab,jba->ij", V @ D @ V, V @ D)
 
     def atom(self, W: cp.Expression) -> cp.Expression:
         import cvxpy as cp
 
         return -cp.tr_inv(W)
-
-
-def _start(W: np.ndarray, c: float) -> np.ndarray:
-    L = factor.nearest_factor(W / c)
-    return np.concatenate([factor.entries_of(L), factor.entries_of(np.linalg.inv(L))])

@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.problem import Cap, DesignProblem
-from obsdesign.design.transcription import transcribe
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.record import Cap
+from obsdesign.information.totals import segment_information
+from obsdesign.simulation import simulate
+from obsdesign.step import blocks_of, sensitivity_of, step_of
 
 
 def cap_of(problem: DesignProblem) -> Cap | None:
     """Return lambda_min of the largest principal block of S W S that does not depend on the path, or None without one.
 
     By interlacing lambda_min(S W S) <= lambda_min(S W S[I, I]) for every index set I. W_ii = sum |C Phi e_i|^2 / sigma^2 is
-    constant where every term is, and with W_ii and W_jj so is W_ij: the block is all of the constant diagonal. Constant means
-    that the graph of W has no structural dependence on the path's parameters. Only for MinEigenvalue.
+    constant where every term is, and with W_ii and W_jj so is W_ij: the block is all of the constant diagonal. Constant means that
+    no term depends on the state or the inputs, by the structure of the step. Only for MinEigenvalue of all states without prices.
     """
-    if not isinstance(problem.criterion, MinEigenvalue):
+    if not isinstance(problem.criterion, MinEigenvalue) or problem.about or problem.prices:
         return None
-    information = transcribe(problem).information
-    n = len(problem.x0)
-    depends = np.zeros(n * n, dtype=bool)
-    depends[information.jac_sparsity(0, 0).row()] = True
-    constant = ~depends.reshape(n, n)
-    block = np.flatnonzero(np.diag(constant))
-    if not (block.size and constant[np.ix_(block, block)].all()):
+    block = np.flatnonzero(_unmoved(problem))
+    if not block.size:
         return None
-    p = np.tile((problem.lower + problem.upper) / 2, (problem.path.rows(problem.steps), 1))
-    W = information(p).full()
+    grid = problem.grid
+    idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step)
+    W = problem.scaled(segment_information(problem.system, idle, 1)[0].sum(axis=0) + np.asarray(problem.known))
     names = tuple(problem.system.model.state_names[i] for i in block)
     return Cap(float(np.linalg.eigvalsh(W[np.ix_(block, block)])[0]), names)
+
+
+def _unmoved(problem: DesignProblem) -> np.ndarray:
+    """Which diagonal entries (n,) of W no path changes."""
+    model = problem.system.model
+    n, one, shape = len(model.states), step_of(model, problem.step).without_disturbance(), sensitivity_of(model, problem.step)
+    moved = np.zeros(shape.free.numel(), dtype=bool)  # entries of Phi that depend on the path
+    symbols = ca.vertsplit(shape.free)
+    while True:
+        causes = ca.vertcat(one.x, one.u, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
+        now = np.array([ca.depends_on(shape.next[i], causes) for i in range(len(moved))], dtype=bool) | moved
+        if (now == moved).all():
+            break
+        moved = now
+    causes = ca.vertcat(one.x, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
+    blocks = blocks_of(model, shape.Phi)
+    return np.array([not any(block.has_nz(i, i) and ca.depends_on(block[i, i], causes) for block in blocks) for i in range(n)])

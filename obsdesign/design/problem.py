@@ -1,67 +1,127 @@
-"""What is asked of a path, and what came out."""
+"""What is asked of a path."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import as_pair, require_known, require_positive, whole_multiple
-from obsdesign.constraints.abstract import AbstractConstraint, Coordinate
+from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, whole_multiple
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.costs._terms import Budget, Price
+from obsdesign.criteria._factor import shadow
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError
 from obsdesign.information.posterior import posterior_information
-from obsdesign.information.record import Information
 from obsdesign.information.totals import segment_information
 from obsdesign.model import AbstractSystem
-from obsdesign.paths.abstract import AbstractPath
+from obsdesign.moment import Moment
+from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.prior import Prior
 from obsdesign.simulation import as_scale, as_state
-from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
-FEASIBILITY = 1e-6  # by how much a constraint's margin, of order 1, may fall short
+
+@dataclass(frozen=True)
+class Floor:
+    """lambda_min(S W S) of every stretch of `seconds` of the path is at least `value`, W about the state at its beginning.
+
+    Stretches begin every half of their length, so that none of the path hides the state.
+    """
+
+    seconds: float
+    value: float
+
+    def __post_init__(self) -> None:
+        require_positive("floor: seconds", self.seconds)
+        require_positive("floor: value", self.value)
+
+
+@dataclass(frozen=True)
+class Robust:
+    """Judge the path from draws of the prior of x(t_0), with the same inputs: by the worst of them, or by their mean.
+
+    The same seed, the same draws. Limits hold on the path from the problem's own start.
+    """
+
+    prior: Prior
+    samples: int = 16
+    worst: bool = True
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_count("robust: samples", self.samples)
+        require_count("robust: seed", self.seed, least=0)
+
+    def draws(self, count: int, seed: int) -> np.ndarray:
+        """Return starts (count, n) from the prior."""
+        normal = np.random.default_rng([self.seed, seed]).standard_normal((count, self.prior.mean.size))
+        return self.prior.mean + normal @ np.linalg.cholesky(self.prior.covariance).T
 
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """Maximise criterion(S W S) over paths of one family, W from all samples of all sensors.
+    """Maximise criterion(S W S) minus prices over paths of one family, W from all samples of all sensors.
 
-    start (n,); duration, step [s]; bounds: input -> (low, high); scale (n,): the diagonal of S, what counts as one unit of
-    each state (None = ones, usually the prior's standard deviations).
+    start (n,); duration [s], or (shortest, longest) to choose from; step [s]; bounds: input -> (low, high); rates: input ->
+    largest |du/dt| [unit/s]; scale (n,): the diagonal of S, what counts as one unit of each state (None = ones, usually the prior's
+    standard deviations); about: the states that are judged while the others are found as well, () = all: then W is the Schur
+    complement W_aa - W_ab W_bb^-1 W_ba; known (n, n): information about x(t_0) that is already there, added to W.
     Raises InputError for names, shapes and values that do not fit together.
     """
 
     system: AbstractSystem
     start: ArrayLike
-    duration: float
+    duration: float | tuple[float, float]
     step: float
     path: AbstractPath
     bounds: Mapping[str, tuple[float, float]]
     criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
     scale: ArrayLike | None = None
     constraints: tuple[AbstractConstraint, ...] = ()
+    rates: Mapping[str, float] = field(default_factory=dict)
+    about: tuple[str, ...] = ()
+    prices: tuple[Price, ...] = ()
+    budgets: tuple[Budget, ...] = ()
+    floor: Floor | None = None
+    robust: Robust | None = None
+    known: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "start", as_state(self.system, self.start, "start"))
-        object.__setattr__(self, "scale", as_scale(self.system, self.scale))
-        object.__setattr__(self, "constraints", tuple(self.constraints))
-        object.__setattr__(self, "bounds", {name: as_pair(f"bounds of {name}", pair) for name, pair in self.bounds.items()})
-        require_positive("duration", self.duration)
-        require_positive("step", self.step)
-        if whole_multiple(self.duration, self.step) is None:
-            raise InputError(f"duration {self.duration:g} s is no whole multiple of the step {self.step:g} s")
-        self.path.rows(self.steps)
-        self._check_bounds()
-        self._check_start()
+        put = object.__setattr__
+        put(self, "start", as_state(self.system, self.start, "start"))
+        put(self, "scale", as_scale(self.system, self.scale))
+        for name in ("constraints", "about", "prices", "budgets"):
+            put(self, name, tuple(getattr(self, name)))
+        put(self, "bounds", {name: as_pair(f"bounds of {name}", pair) for name, pair in self.bounds.items()})
+        put(self, "rates", dict(self.rates))
+        put(self, "known", np.zeros((self.x0.size,) * 2) if self.known is None else as_array("known", self.known))
+        if not isinstance(self.duration, (int, float)):
+            put(self, "duration", as_pair("duration", self.duration))
+        _Checks(self).all()
+
+    @property
+    def shortest(self) -> float:
+        """The shortest duration [s]."""
+        return self.duration[0] if isinstance(self.duration, tuple) else self.duration
+
+    @property
+    def longest(self) -> float:
+        """The longest duration [s]."""
+        return self.duration[1] if isinstance(self.duration, tuple) else self.duration
+
+    def lasting(self, duration: float) -> DesignProblem:
+        """Return the problem with one duration [s]."""
+        return replace(self, duration=duration)
 
     @property
     def steps(self) -> int:
-        """N."""
-        return round(self.duration / self.step)
+        """N; of the longest duration where there is a choice."""
+        return round(self.longest / self.step)
 
     @property
     def x0(self) -> np.ndarray:
@@ -83,13 +143,28 @@ class DesignProblem:
         """Upper bound of each known input (m,)."""
         return np.array([self.bounds[name][1] for name in self.system.model.input_names], dtype=float)
 
+    @property
+    def grid(self) -> Grid:
+        """What the path family fills with inputs."""
+        return Grid(self.system.model.input_names, tuple(self.lower.tolist()), tuple(self.upper.tolist()), self.steps, self.step)
+
+    @property
+    def judged_states(self) -> np.ndarray:
+        """Indices of the states that are judged."""
+        names = self.system.model.state_names
+        return np.array([names.index(name) for name in self.about or names])
+
     def scaled(self, W: np.ndarray) -> np.ndarray:
         """S W S (..., n, n), without unit."""
         return W * self.units[:, None] * self.units
 
+    def rated(self, W: np.ndarray) -> float:
+        """Return the criterion of information W (n, n): of S (W + known) S, about the judged states."""
+        return self.criterion.value(shadow(self.scaled(W + np.asarray(self.known)), self.judged_states))
+
     def value(self, path: Trajectory) -> float:
-        """criterion(S W S) of a path, recomputed by the analysis code."""
-        return self.criterion.value(self.scaled(self.judged(path)))
+        """criterion(S W S) of a path, recomputed by the analysis code; prices are not in it."""
+        return self.rated(self.judged(path))
 
     def judged(self, path: Trajectory) -> np.ndarray:
         """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""
@@ -98,15 +173,6 @@ class DesignProblem:
             return segment_information(self.system, path, 1)[0].sum(axis=0)
         return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-2]
 
-    def margins(self, x: np.ndarray) -> np.ndarray:
-        """All constraint margins of the states x (N+1, n); a path is feasible where all are >= 0."""
-        found = margins_of(self, *(x[:, i] for i in self.position)) if self.constraints else []
-        return np.concatenate([np.ravel(margin) for margin in found]) if found else np.zeros(0)
-
-    def is_feasible(self, x: np.ndarray) -> bool:
-        """Whether the states x (N+1, n) satisfy every constraint to 1e-6 of its size."""
-        return bool(self.margins(x).min(initial=0.0) >= -FEASIBILITY)
-
     @property
     def position(self) -> tuple[int, int]:
         """Where x and y stand in the state; raises InputError for a system without them."""
@@ -114,30 +180,12 @@ class DesignProblem:
         require_known("constraints: the state", ("x", "y"), names)
         return names.index("x"), names.index("y")
 
-    def _check_bounds(self) -> None:
-        names = self.system.model.input_names
-        require_known("bounds", tuple(self.bounds), names)
-        for name in names:
-            if name not in self.bounds:
-                raise InputError(f"bounds of {name} are missing: every known input needs (low, high)")
-            low, high = self.bounds[name]
-            if low >= high:
-                raise InputError(f"bounds of {name} are ({low:g}, {high:g}): low must be below high")
-
-    def _check_start(self) -> None:
-        east, north = (self.x0[list(self.position)]) if self.system.model.landmarks or self.constraints else (0.0, 0.0)
-        for point in self.system.model.landmarks:
-            if (east, north) == tuple(point):
-                raise InputError(f"start lies on the landmark {point}: range and bearing have no derivative there")
-        for constraint in self.constraints:
-            if min(constraint.at_nodes(east, north, self.system.model.landmarks), default=0.0) < 0:
-                raise InputError(f"start ({east:g}, {north:g}) violates {constraint}")
-
     @cached_property
     def _key(self) -> tuple[object, ...]:
-        bounds = tuple(sorted(self.bounds.items()))
-        arrays = (self.x0.tobytes(), self.units.tobytes())
-        return self.system, arrays, self.duration, self.step, self.path, bounds, self.criterion, self.constraints
+        tables = tuple(sorted(self.bounds.items())), tuple(sorted(self.rates.items()))
+        arrays = (self.x0.tobytes(), self.units.tobytes(), np.asarray(self.known).tobytes())
+        asked = self.criterion, self.about, self.constraints, self.prices, self.budgets, self.floor, self.robust
+        return self.system, arrays, self.duration, self.step, self.path, tables, asked
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, DesignProblem) and self._key == other._key
@@ -146,48 +194,93 @@ class DesignProblem:
         return hash(self._key)
 
 
-def margins_of(problem: DesignProblem, x: Coordinate, y: Coordinate) -> list[Coordinate]:
-    """Return the margins of all constraints for coordinates (N+1,), numerical or symbolic."""
-    landmarks = problem.system.model.landmarks
-    nodes = [margin for constraint in problem.constraints for margin in constraint.at_nodes(x, y, landmarks)]
-    return nodes + [margin for constraint in problem.constraints for margin in constraint.at_end(x[-1], y[-1])]
-
-
-@dataclass(frozen=True)
-class Cap:
-    """An upper bound on lambda_min(S W S) of every path: the smallest eigenvalue of a block that no path changes."""
-
-    value: float
-    states: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Start:
-    """One start of the solver: where it began, how it ended, the recomputed value (NaN without an answer)."""
-
-    name: str
-    status: Status
-    value: float
-    iterations: int
-    residual: float  # scaled KKT residual that IPOPT reports at its last iterate
-
-
 @dataclass(frozen=True, eq=False)
-class Design:
-    """The best path found. value = criterion(S W S), recomputed by the analysis code; NaN without an answer.
-
-    trajectory and information are None when no start found an answer; `starts` tells what each did.
-    """
+class _Checks:
+    """What must fit together in a problem."""
 
     problem: DesignProblem
-    trajectory: Trajectory | None
-    information: Information | None
-    value: float
-    status: Status
-    starts: tuple[Start, ...]
-    cap: Cap | None
 
-    @property
-    def reaches_cap(self) -> bool:
-        """Whether the value lies within 1e-6 of its cap, so that no path does better."""
-        return self.cap is not None and self.value >= self.cap.value * (1 - 1e-6)
+    def all(self) -> None:
+        """Raise InputError for the first thing that does not fit."""
+        self._times()
+        self._inputs()
+        self._states()
+        self.problem.path.box(self.problem.grid)
+        self._start()
+
+    def _times(self) -> None:
+        problem = self.problem
+        require_positive("step", problem.step)
+        for duration in dict.fromkeys((problem.shortest, problem.longest)):
+            require_positive("duration", duration)
+            if whole_multiple(duration, problem.step) is None:
+                raise InputError(f"duration {duration:g} s is no whole multiple of the step {problem.step:g} s")
+        if problem.shortest > problem.longest:
+            raise InputError(f"duration is ({problem.shortest:g}, {problem.longest:g}): the first must not be above the second")
+        if problem.floor is not None:
+            steps = whole_multiple(problem.floor.seconds, problem.step)
+            if steps is None or steps > round(problem.shortest / problem.step):
+                raise InputError(
+                    f"floor: seconds is {problem.floor.seconds:g}: must be a whole multiple of the step {problem.step:g} s"
+                    f" and at most the duration {problem.shortest:g} s"
+                )
+        for constraint in problem.constraints:
+            for time in (constraint.span.first, constraint.span.last):
+                if time is not None and not 0 <= time <= problem.shortest:
+                    raise InputError(f"{constraint}: the time {time:g} s is not within the path, 0 to {problem.shortest:g} s")
+
+    def _inputs(self) -> None:
+        problem, names = self.problem, self.problem.system.model.input_names
+        require_known("bounds", tuple(problem.bounds), names)
+        require_known("rates", tuple(problem.rates), names)
+        for name in names:
+            if name not in problem.bounds:
+                raise InputError(f"bounds of {name} are missing: every known input needs (low, high)")
+            low, high = problem.bounds[name]
+            if low >= high:
+                raise InputError(f"bounds of {name} are ({low:g}, {high:g}): low must be below high")
+        for name, rate in problem.rates.items():
+            require_positive(f"rates: {name}", rate)
+        state = dict.fromkeys(problem.system.model.state_names, 0.0)
+        moment = Moment(state, state, dict(zip(names, problem.grid.centre.tolist(), strict=True)), problem.system.model.landmarks)
+        for term in (*problem.prices, *problem.budgets):
+            term.cost.rate(moment)  # raises InputError for inputs that the vehicle does not have
+
+    def _states(self) -> None:
+        problem, names = self.problem, self.problem.system.model.state_names
+        n = len(names)
+        require_known("about", problem.about, names)
+        if len(set(problem.about)) != len(problem.about):
+            raise InputError(f"about is {problem.about}: names a state twice")
+        known = np.asarray(problem.known)
+        lowest = np.linalg.eigvalsh(known)[0] if known.shape == (n, n) and np.isfinite(known).all() else -np.inf
+        if lowest < -1e-9 * max(np.abs(known).max(initial=0.0), 1e-300) or np.abs(known - known.T).max() > 1e-9 * np.abs(known).max():
+            raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
+        if problem.robust is not None and problem.robust.prior.mean.size != n:
+            raise InputError(f"robust: the prior has {problem.robust.prior.mean.size} states: the system has {n} ({', '.join(names)})")
+        if problem.robust is not None and problem.criterion.knowledge is not None:
+            raise InputError("robust: a posterior criterion has a prior of its own; use one of the two")
+        if problem.floor is not None and problem.criterion.knowledge is not None:
+            raise InputError("floor: a posterior criterion has no windows; use another criterion")
+
+    def _start(self) -> None:
+        problem, model = self.problem, self.problem.system.model
+        for constraint in problem.constraints:
+            require_known(f"{constraint}: the state", constraint.states, model.state_names)
+        if model.landmarks:
+            place = tuple(problem.x0[list(problem.position)])
+            for point in model.landmarks:
+                if place == tuple(point):
+                    raise InputError(f"start lies on the landmark {point}: range and bearing have no derivative there")
+        state = dict(zip(model.state_names, problem.x0.tolist(), strict=True))
+        moment = Moment(state, {}, {}, model.landmarks)
+        for constraint in problem.constraints:
+            if constraint.span.anywhere or constraint.span.first != 0.0:
+                continue
+            try:
+                margins = constraint.margins(moment)
+            except KeyError:  # needs a rate, which the start does not have
+                continue
+            if min(margins, default=0.0) < 0:
+                where = ", ".join(f"{name} = {state[name]:g}" for name in constraint.states)
+                raise InputError(f"start ({where}) violates {constraint}")

@@ -1,94 +1,144 @@
-"""Shaping a path: gate, starts, solve, recompute, choose."""
+"""Shaping a path: gate, starts, coarse climbs, refinement, recomputation, choice."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import islice
+from time import perf_counter
 
 import numpy as np
 
 from obsdesign.analysis.question import observability
 from obsdesign.checks import require_count
-from obsdesign.criteria.log_det import LogDet
-from obsdesign.design.caps import cap_of
-from obsdesign.design.problem import Design, DesignProblem, Start
+from obsdesign.design.aim import aim_of, value_of
+from obsdesign.design.choosing import chosen
+from obsdesign.design.climbing import Climbed, Task, climbed, families_of
+from obsdesign.design.evidence import evidence_for
+from obsdesign.design.infeasibility import why_unreachable
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.program import Program
+from obsdesign.design.record import Design
 from obsdesign.design.starts import start_inputs
-from obsdesign.design.transcription import Solution, solve, transcribe
 from obsdesign.errors import SolveError, UnobservableError
-from obsdesign.information.gramian import variational_gramian
-from obsdesign.information.record import Information
-from obsdesign.simulation import simulate
 from obsdesign.status import Status
-from obsdesign.trajectory import Trajectory
 
-_AGREEMENT = 1e-6  # relative difference allowed between the solver's objective and the recomputed value
 _SKIPPED = 20
-_Attempt = tuple[Start, Trajectory, Information]
+_NEAR, _KEPT = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
 
 
 def design_trajectory(
-    problem: DesignProblem, starts: int = 8, seed: int = 0, executor: Executor | None = None, throw: bool = True
+    problem: DesignProblem,
+    starts: int = 8,
+    seed: int = 0,
+    executor: Executor | None = None,
+    throw: bool = True,
+    evidence: int = 0,
 ) -> Design:
     """Return the best of several locally optimal paths, every claim recomputed from the path itself.
 
-    Gate: a system whose sensors cannot see the whole state on any path is refused. Each start is one task for the executor.
+    Gate: a system whose sensors cannot see the whole state on any path is refused. Starts climb in a coarse family first; the best
+    are refined. evidence: climbs that ask how much better another path might be. Each climb is one task for the executor.
     Raises UnobservableError, and SolveError when no start ends in an answer (throw=False: the failed Design instead).
-    Source: the lift of lambda_min, max t s.t. S W S / c - t I = L L'; Brace and Morgansen for the aim.
+    Source: matrix inequality W - t I >= 0 for the smallest eigenvalue; Brace and Morgansen for the aim.
     """
     require_count("starts", starts)
     require_count("seed", seed, least=0)
+    require_count("evidence", evidence, least=0)
     verdict = observability(problem.system, seed=seed)
-    if verdict.decided and not verdict.observable:
+    if verdict.decided and not verdict.observable and not problem.about and not np.any(problem.known):
         raise UnobservableError(verdict)
-    names, guesses = zip(*islice(_usable_starts(problem, seed), starts), strict=True)
-    apply = map if executor is None else executor.map
-    solutions = list(apply(solve, [problem] * starts, guesses))
-    attempts = [_recomputed(problem, name, solution) for name, solution in zip(names, solutions, strict=True)]
-    design = _chosen(problem, attempts)
+    began = perf_counter()
+    unreachable = why_unreachable(problem)
+    if unreachable:
+        design = Design(problem, None, None, np.nan, Status.INFEASIBLE, (), reason=unreachable)
+    else:
+        design = _best_duration(problem, starts, seed, executor)
+        if evidence and design.status.has_answer:
+            design = evidence_for(design, evidence, seed, executor)
+    design = replace(design, seconds=perf_counter() - began)
     if throw and not design.status.has_answer:
-        raise SolveError(f"trajectory design, all {starts} starts", design.status)
+        raise SolveError(
+            f"trajectory design, all {len(design.starts)} starts" if design.starts else "trajectory design", design.status, design.reason
+        )
     return design
 
 
+def _best_duration(problem: DesignProblem, starts: int, seed: int, executor: Executor | None) -> Design:
+    """Design for durations spread over the range, then for ever closer neighbours of the best."""
+    if problem.shortest == problem.longest:
+        return _designed(problem.lasting(problem.longest), starts, seed, executor)
+    low, high = (round(duration / problem.step) for duration in (problem.shortest, problem.longest))
+    spacing = max(1, -(-(high - low) // 4))
+    found = {steps: _designed(problem.lasting(steps * problem.step), starts, seed, executor) for steps in _between(low, high, spacing)}
+    while spacing > 1:
+        best = max(found, key=lambda steps: _rank(found[steps]))
+        spacing = max(1, spacing // 2)
+        for steps in (best - spacing, best + spacing):
+            if low <= steps <= high and steps not in found:
+                found[steps] = _designed(problem.lasting(steps * problem.step), starts, seed, executor, near=found[best])
+    return max(found.values(), key=_rank)
+
+
+def _between(low: int, high: int, spacing: int) -> list[int]:
+    return sorted({*range(low, high, spacing), high})
+
+
+def _rank(design: Design) -> float:
+    return design.objective if design.status.has_answer else -np.inf
+
+
+def _designed(problem: DesignProblem, starts: int, seed: int, executor: Executor | None, near: Design | None = None) -> Design:
+    """Design for one duration; near: a design of another duration, whose inputs, stretched, are one of the starts."""
+    apply = map if executor is None else executor.map
+    families = families_of(problem.path)
+    named = list(islice(_usable_starts(problem, seed), starts))
+    if near is not None and near.trajectory is not None:
+        named = [("that of another duration", _stretched(near.trajectory.u, problem.steps)), *named[: max(1, starts // 2)]]
+    coarse = list(apply(climbed, [Task(problem, name, u, families[:1], len(families) == 1) for name, u in named]))
+    if len(families) == 1:
+        return chosen(problem, coarse, coarse)
+    kept = _worth_refining(coarse)
+    refined = list(apply(climbed, [Task(problem, each.name, each.u, families[1:], True) for each in kept]))
+    added = {each.name: each.iterations for each in coarse}
+    refined = [replace(each, iterations=each.iterations + added[each.name]) for each in refined]
+    return chosen(problem, coarse, refined)
+
+
+def _stretched(u: np.ndarray, steps: int) -> np.ndarray:
+    return u[np.minimum(np.arange(steps) * len(u) // steps, len(u) - 1)]
+
+
 def _usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and parameters of starts whose information is not singular: there the lift has no way to go.
+    """Yield names and inputs of starts whose information is not singular, for criteria that do not exist there.
 
     A weave that the path family is too coarse for averages out to a straight line, for instance. After twenty singular ones,
     whatever comes is used.
     """
-    skipped = 0
+    skipped, coarsest = 0, replace(problem, path=families_of(problem.path)[0])
+    aim = aim_of(problem)
     for name, u in start_inputs(problem, seed):
-        p = problem.path.fit(u)
-        W = transcribe(problem).information(p).full()
-        if np.isfinite(LogDet().value(W)) or skipped >= _SKIPPED:
-            yield name, p
+        program = Program(coarsest)
+        values = program.at(coarsest.path.fit(u, coarsest.grid))
+        if aim.is_cone or np.isfinite(value_of(aim, values.matrices)) or skipped >= _SKIPPED:
+            yield name, u
         else:
             skipped += 1
 
 
-def _recomputed(problem: DesignProblem, name: str, solution: Solution) -> _Attempt:
-    u = np.array(problem.path.inputs(solution.p, problem.steps))  # pyright: ignore[reportArgumentType]  # serves both kinds
-    path = simulate(problem.system, problem.x0, u, problem.step)
-    information = variational_gramian(problem.system, path)
-    value = problem.value(path)
-    status = solution.status
-    agrees = abs(value - solution.objective) <= max(_AGREEMENT * abs(value), problem.criterion.resolution)
-    if status.has_answer and not (agrees and problem.is_feasible(path.x)):
-        status = Status.NUMERICAL_ERROR
-    value = value if status.has_answer else np.nan
-    return Start(name, status, value, solution.iterations, solution.residual), path, information
-
-
-def _chosen(problem: DesignProblem, attempts: list[_Attempt]) -> Design:
-    starts = tuple(start for start, _, _ in attempts)
-    answered = [attempt for attempt in attempts if attempt[0].status.has_answer]
+def _worth_refining(coarse: Sequence[Climbed]) -> list[Climbed]:
+    """Return the best few distinct coarse optima; where none is feasible, the first few as they are."""
+    answered = sorted((each for each in coarse if each.status.has_answer), key=lambda each: -each.objective)
     if not answered:
-        # the study's "no" only where every start says so
-        statuses = {start.status for start in starts}
-        status = statuses.pop() if len(statuses) == 1 else min(statuses - {Status.LOCALLY_INFEASIBLE}, key=list(Status).index)
-        return Design(problem, None, None, np.nan, status, starts, cap_of(problem))
-    best = max(start.value for start, _, _ in answered)
-    tied = [attempt for attempt in answered if attempt[0].value >= best - _AGREEMENT * abs(best)]
-    start, path, information = max(tied, key=lambda attempt: LogDet().value(problem.scaled(attempt[2].total)))
-    return Design(problem, path, information, start.value, start.status, starts, cap_of(problem))
+        return list(coarse[:_KEPT])
+    kept: list[Climbed] = []
+    for each in answered:
+        good = each.objective >= answered[0].objective - (1 - _NEAR) * abs(answered[0].objective)
+        if good and len(kept) < _KEPT and not any(_same(each.objective, other.objective) for other in kept):
+            kept.append(each)
+    return kept
+
+
+def _same(a: float, b: float) -> bool:
+    return abs(a - b) <= 1e-4 * max(abs(a), abs(b))

@@ -7,17 +7,64 @@ from itertools import count
 
 import numpy as np
 
+from obsdesign.constraints.goal import Goal
+from obsdesign.constraints.goal_pose import GoalPose
+from obsdesign.constraints.via import Via
+from obsdesign.curves import Curve, intercept, shortest_through
 from obsdesign.design.problem import DesignProblem
+from obsdesign.errors import InputError
+from obsdesign.vehicles.dubins import Dubins
 
-_TURN = "turn_rate"
+TURN = "turn_rate"
 
 
 def start_inputs(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield pairs (name, u (N, m)) without end: weaves and orbits to both sides where there is a turn rate, then smooth random ones."""
+    """Yield pairs (name, u (N, m)) without end.
+
+    Where there is a turn rate: the shortest way to the goal, for a Dubins vehicle; weaves, orbits and figures of eight to both
+    sides. Then smooth random ones.
+    """
     t = (np.arange(problem.steps) + 0.5) / problem.steps  # share of the duration
-    if _TURN in problem.system.model.input_names:
+    if TURN in problem.system.model.input_names:
+        shortest = shortest_inputs(problem)
+        if shortest is not None:
+            yield "shortest", shortest
         yield from ((name, _shaped(problem, shape(t))) for name, shape in _SHAPES.items())
     yield from ((f"random {i}", _random(problem, t, np.random.default_rng([seed, i]))) for i in count(1))
+
+
+def shortest_inputs(problem: DesignProblem) -> np.ndarray | None:
+    """Return u (N, m) of the shortest way of a Dubins vehicle through the via points to the goal, straight on after it; None without.
+
+    Constant wind is known from the start state; with via points and wind the way is the one in still air.
+    """
+    vehicle, goal = getattr(problem.system, "vehicle", None), _goal_of(problem)
+    if not isinstance(vehicle, Dubins) or goal is None:
+        return None
+    sharpest = min(-problem.lower[0], problem.upper[0])
+    if sharpest <= 0:
+        return None
+    radius, points = vehicle.speed / sharpest, [each.point for each in problem.constraints if isinstance(each, Via)]
+    start = problem.x0[:3]
+    wind = (float(problem.x0[3]), float(problem.x0[4])) if vehicle.wind == "constant" else (0.0, 0.0)
+    try:
+        if points:
+            parts = shortest_through(start, points, goal, radius=radius)
+            way = Curve("".join(part.word for part in parts), tuple(length for part in parts for length in part.lengths), radius)
+        else:
+            way = intercept(start, goal, wind, vehicle.speed, radius)
+    except InputError:
+        return None  # blown away: the other starts will have to find a way
+    return np.clip(way.turn_rates(vehicle.speed, np.arange(problem.steps + 1) * problem.step), problem.lower[0], problem.upper[0])[:, None]
+
+
+def _goal_of(problem: DesignProblem) -> tuple[float, ...] | None:
+    for constraint in problem.constraints:
+        if isinstance(constraint, GoalPose):
+            return (*constraint.point, constraint.heading)
+        if isinstance(constraint, Goal):
+            return constraint.point
+    return None
 
 
 def _weave(periods: float, side: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -30,6 +77,11 @@ def _orbit(side: int) -> Callable[[np.ndarray], np.ndarray]:
     return lambda t: side * 6 * np.pi * (t < 1 / 3)
 
 
+def _eight(side: int) -> Callable[[np.ndarray], np.ndarray]:
+    """One full turn to each side in the first two thirds, then straight."""
+    return lambda t: side * 6 * np.pi * ((t < 1 / 3).astype(float) - ((t >= 1 / 3) & (t < 2 / 3)))
+
+
 # the heading's rate in radians per duration
 _SHAPES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "weave of 2 periods, left first": _weave(2, 1),
@@ -38,14 +90,16 @@ _SHAPES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "weave of 1 period, right first": _weave(1, -1),
     "orbit to the left": _orbit(1),
     "orbit to the right": _orbit(-1),
+    "figure of eight, left first": _eight(1),
+    "figure of eight, right first": _eight(-1),
 }
 
 
 def _shaped(problem: DesignProblem, rate: np.ndarray) -> np.ndarray:
     """The turn rate follows the shape, every other input stays in the middle of its range."""
     u = np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1))
-    column = problem.system.model.input_names.index(_TURN)
-    u[:, column] = np.clip(rate / problem.duration, problem.lower[column], problem.upper[column])
+    column = problem.system.model.input_names.index(TURN)
+    u[:, column] = np.clip(rate / problem.grid.duration, problem.lower[column], problem.upper[column])
     return u
 
 

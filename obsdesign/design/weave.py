@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.design.limits import node_margins
 from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
 from obsdesign.information.totals import batch_information
@@ -59,14 +60,14 @@ def best_weave(problem: DesignProblem) -> tuple[Weave, Trajectory] | None:
 
 
 def _place(problem: DesignProblem, weave: Weave) -> np.ndarray:
-    return np.array([weave.course, weave.swing, weave.period / problem.duration])
+    return np.array([weave.course, weave.swing, weave.period / problem.longest])
 
 
 def _grid(problem: DesignProblem, centre: np.ndarray, width: np.ndarray, points: int, sides: tuple[int, ...]) -> list[Weave]:
     courses, swings, periods = (np.linspace(c - w, c + w, points) for c, w in zip(centre, width, strict=True))
-    allowed = periods[periods * problem.duration > 4 * problem.step]
+    allowed = periods[periods * problem.longest > 4 * problem.step]
     return [
-        Weave(float(course), float(swing), float(period) * problem.duration, side)
+        Weave(float(course), float(swing), float(period) * problem.longest, side)
         for course in courses
         for swing in swings[swings > 0]
         for period in allowed
@@ -81,7 +82,7 @@ def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_Rated]:
     inputs = np.stack([_inputs(problem, weave) for weave in weaves])
     inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)))
     states = _flown(problem, inputs[inside]) if inside.size else []
-    kept = [i for i, x in zip(inside, states, strict=True) if problem.margins(x).min(initial=0.0) >= 0]
+    kept = [i for i, x in zip(inside, states, strict=True) if node_margins(problem, x, inputs[i]).min(initial=0.0) >= 0]
     if not kept:
         return []
     values = _values(problem, inputs[kept])

@@ -16,33 +16,47 @@ from obsdesign.information.sampling import sampled
 from obsdesign.information.totals import Walk, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
-from obsdesign.simulation import as_inputs, as_scale, as_state, simulate
+from obsdesign.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate
 from obsdesign.step import CACHED
 
 
 def information_value(
-    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, criterion: AbstractCriterion, scale: ArrayLike | None = None
+    system: AbstractSystem,
+    x0: ArrayLike,
+    u: ArrayLike,
+    dt: float,
+    criterion: AbstractCriterion,
+    scale: ArrayLike | None = None,
+    *,
+    w: ArrayLike | None = None,
 ) -> float:
     """Return criterion(S W S) of the path from x0 (n,) under u (N, m); scale (n,): the diagonal of S, None = ones.
 
-    Raises InputError as simulate and variational_gramian.
+    w (N, p): what the unknown inputs are, None = 0. Raises InputError as simulate and variational_gramian.
     """
-    start, inputs, S = _checked(system, x0, u, dt, scale)
-    walk, carry, _, _ = _walked(system, start, inputs, dt, carries=False)
+    start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
+    walk, carry, _, _ = _walked(system, start, known, unknown, dt, carries=False)
     return criterion.value(walk.sums(carry)[0].sum(axis=0) * S[:, None] * S)
 
 
 def information_gradient(
-    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, criterion: AbstractCriterion, scale: ArrayLike | None = None
+    system: AbstractSystem,
+    x0: ArrayLike,
+    u: ArrayLike,
+    dt: float,
+    criterion: AbstractCriterion,
+    scale: ArrayLike | None = None,
+    *,
+    w: ArrayLike | None = None,
 ) -> tuple[float, np.ndarray]:
-    """Return criterion(S W S) and its gradient (N, m) with respect to the inputs u (N, m).
+    """Return criterion(S W S) and its gradient (N, m) with respect to the inputs u (N, m), the unknown ones w (N, p) given.
 
     The adjoint of the walk (x, Phi, W): with Z the criterion's slope, d value = <Z, dW>, x and Phi are carried back from
     the last step to the first. Where eigenvalues coincide the slope of lambda_min is one of its supergradients.
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
-    start, inputs, S = _checked(system, x0, u, dt, scale)
-    walk, carry, carries, due = _walked(system, start, inputs, dt, carries=True)
+    start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
+    walk, carry, carries, due = _walked(system, start, known, unknown, dt, carries=True)
     W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
     value = criterion.value(W)
     if not np.isfinite(value):
@@ -50,45 +64,40 @@ def information_gradient(
     Z = criterion.slope(W) * S[:, None] * S
     moving = len(start) + len(walk.shape.start)
     before = np.concatenate([walk.first(start[None]), carries[:-1]])[:, :moving]
-    reversed_rows = [row[::-1] for row in (before, inputs, *due)]
+    reversed_rows = [row[::-1] for row in (before, side_by_side(known, unknown), *due)]
     rows = [*reversed_rows, Z.ravel()]
-    adjoint = _back(system.model, dt).run(np.zeros((1, moving)), rows, len(inputs), carries=False)
+    adjoint = _back(system.model, dt).run(np.zeros((1, moving)), rows, len(before), carries=False)
     return value, adjoint.results[0][0, ::-1].copy()
 
 
 def _checked(
-    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, scale: ArrayLike | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return x0 (n,), u (N, m) and the scale (n,) as arrays, or raise InputError."""
+    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, w: ArrayLike | None, dt: float, scale: ArrayLike | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return x0 (n,), u (N, m), w (N, p) and the scale (n,) as arrays, or raise InputError."""
     require_positive("dt", dt)
     require_sensors(system)
-    inputs = as_inputs(u, len(system.model.inputs), "u")
-    if not len(inputs):
-        raise InputError("u has no steps: needs at least 1")
-    return as_state(system, x0, "x0"), inputs, as_scale(system, scale)
+    known, unknown = as_known_and_unknown(system, u, w)
+    return as_state(system, x0, "x0"), known, unknown, as_scale(system, scale)
 
 
 def _walked(
-    system: AbstractSystem, start: np.ndarray, inputs: np.ndarray, dt: float, carries: bool
+    system: AbstractSystem, start: np.ndarray, u: np.ndarray, w: np.ndarray, dt: float, carries: bool
 ) -> tuple[Walk, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Return the walk, its last carry (1, c), the carries (N, c) if wanted, and who samples."""
     walk = walk_of(system.model, dt)
-    due = [sampled(system, len(inputs), dt).astype(float)] if walk.masked else []
-    rows = [inputs, np.zeros(len(system.model.unknown_inputs)), *due]
-    run = walk.scan.run(walk.first(start[None]), rows, len(inputs), carries=carries)
+    due = [sampled(system, len(u), dt).astype(float)] if walk.masked else []
+    run = walk.scan.run(walk.first(start[None]), [u, w, *due], len(u), carries=carries)
     if not np.isfinite(run.carry).all():
-        variational_gramian(system, simulate(system, start, inputs, dt))  # says what is wrong, and where
+        variational_gramian(system, simulate(system, start, u, dt, w))  # says what is wrong, and where
     return walk, run.carry, run.carries[0], due
 
 
 @lru_cache(CACHED)
 def _back(model: Model, dt: float) -> Scan:
-    """(adjoint of x, of Phi) at t_k+1 -> at t_k; rows (x, Phi)_k, u_k, who samples, Z; result: the gradient (m,) to u_k."""
+    """(adjoint of x, of Phi) at t_k+1 -> at t_k; rows (x, Phi)_k, (u, w)_k, who samples, Z; result: the gradient (m,) to u_k."""
     one, n = stepped(model, dt), len(model.states)
-    state, zero = ca.vertcat(one.x, one.Phi), ca.SX.zeros(one.w.numel())
-    state_next = ca.vertcat(one.x_next, one.Phi_next)
-    state_next = ca.substitute(state_next, one.w, zero) if one.w.numel() else state_next
+    state, state_next = ca.vertcat(one.x, one.Phi), ca.vertcat(one.x_next, one.Phi_next)
     Z, later = ca.SX.sym("Z", n * n), ca.SX.sym("adjoint", state.numel())
     potential = ca.dot(ca.reshape(Z, n, n), sum(one.blocks, ca.SX(n, n))) + ca.dot(later, state_next)
     slopes = ca.gradient(potential, ca.vertcat(state, one.u))
-    return Scan(later, [state, one.u, *one.due, Z], slopes[: state.numel()], [slopes[state.numel() :]])
+    return Scan(later, [state, one.held, *one.due, Z], slopes[: state.numel()], [slopes[state.numel() :]])

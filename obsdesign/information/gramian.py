@@ -15,24 +15,25 @@ from obsdesign.information.record import Information
 from obsdesign.information.sampling import sampled_only, with_derivatives
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
-from obsdesign.simulation import readings, states_from
-from obsdesign.step import CACHED, blocks_of, dense_blocks, sensitivity_of, step_of
+from obsdesign.simulation import held_along, readings, states_from
+from obsdesign.step import CACHED, blocks_of, dense_blocks, sensitivity_along, step_of
 from obsdesign.trajectory import Trajectory
 
-# (x (N, n), u (N, m), step, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step
+# (x (N, n), (u, w) (N, m + p), step, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step
 _Sampler = Callable[[np.ndarray, np.ndarray, float, bool], np.ndarray]
 
 
 def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool = True) -> Information:
     """W = sum_k sum_s Phi_k' C_sk' R_s^-1 C_sk Phi_k over the samples of each sensor, with Phi_{k+1} = F_k Phi_k, Phi_0 = I.
 
-    This is Fisher information about x(t_0), inv(W) the Cramer-Rao bound. weighted=False: the integral of Phi'C'C Phi dt
-    over each step (Simpson's rule on half steps, order 4), whatever the sensors' rates.
+    F is taken at the inputs that moved the path, `path.w` among them, all as if known: `posterior_information` is for those
+    that are not. This is Fisher information about x(t_0), inv(W) the Cramer-Rao bound. weighted=False: the integral of
+    Phi'C'C Phi dt over each step (Simpson's rule on half steps, order 4), whatever the sensors' rates.
     Raises InputError for paths that do not fit the system and for a path through a landmark.
     """
     require_fit(system, path)
     if weighted:
-        Phi, blocks = _sensitivities(system, path.x[:-1], path.u, path.step, True)
+        Phi, blocks = _sensitivities(system, path.x[:-1], held_along(system, path), path.step, True)
         blocks, end = sampled_only(blocks, system, path.step), Phi[-1]
     else:
         blocks, end = _integrated(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
@@ -42,7 +43,7 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
 def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
     """W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
 
-    What moves the path beside its inputs, x_k+1 - f(x_k, u_k) in logs and under unknown inputs, moves the perturbed paths too.
+    What moves the path beside its inputs u and w, x_k+1 - f(x_k, u_k, w_k) in logs, moves the perturbed paths too.
     eps: in the unit of each state, one number or (n,). weighted=False: the integral without R, Brace and Morgansen eq. (3).
     `perturbation` tells whether an eps is neither so small that rounding shows nor so large that curvature does.
     Raises InputError as variational_gramian, and unless eps > 0.
@@ -52,20 +53,23 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
     reference = variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
     sampler = partial(_difference_samples, system, size)
     if weighted:
-        blocks = sampled_only(sampler(path.x[:-1], path.u, path.step, True), system, path.step)
+        blocks = sampled_only(sampler(path.x[:-1], held_along(system, path), path.step, True), system, path.step)
     else:
         blocks = _integrated(system, path, sampler)
     return Information(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition)
 
 
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
-    """Raise InputError unless the path has this system's states and inputs, and the system has sensors."""
+    """Raise InputError unless the path has this system's states and inputs, known and unknown, and the system has sensors."""
     model = system.model
     if path.x.shape[1] != len(model.states) or path.u.shape[1] != len(model.inputs):
         raise InputError(
             f"path has {path.x.shape[1]} states and {path.u.shape[1]} inputs: the system has"
             f" {len(model.states)} ({', '.join(model.state_names)}) and {len(model.inputs)} ({', '.join(model.input_names)})"
         )
+    if path.w is not None and path.w.shape[1] != len(model.unknown_inputs):
+        names = ", ".join(signal.name for signal in model.unknown_inputs) or "none"
+        raise InputError(f"path has {path.w.shape[1]} unknown inputs: the system has {len(model.unknown_inputs)} ({names})")
     require_sensors(system)
 
 
@@ -77,8 +81,8 @@ def require_sensors(system: AbstractSystem) -> None:
 
 def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return Phi (N+1, n, n): Phi[k] = dx(t_k)/dx(t_0) along the path."""
-    shape = sensitivity_of(system.model, path.step)
-    later = _transition(system.model, path.step).along(shape.start, path.x[:-1], path.u)[0]
+    shape = sensitivity_along(system.model, path.step)
+    later = _transition(system.model, path.step).along(shape.start, path.x[:-1], held_along(system, path))[0]
     if not all_finite(later):
         k = int(np.argwhere(~np.isfinite(later))[0, 0])
         raise InputError(f"dx(t_k)/dx(t_0) is not finite from step {k + 1} (t = {path.t[k + 1]:g} s) on: the system is too unstable")
@@ -87,27 +91,27 @@ def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
 
 @lru_cache(CACHED)
 def _transition(model: Model, step: float) -> Scan:
-    """Phi -> F(x, u) Phi, without the blocks."""
-    one, shape = step_of(model, step).without_disturbance(), sensitivity_of(model, step)
-    return Scan(shape.free, [one.x, one.u], shape.next)
+    """Phi -> F(x, u, w) Phi, without the blocks."""
+    one, shape = step_of(model, step), sensitivity_along(model, step)
+    return Scan(shape.free, [one.x, one.held], shape.next)
 
 
 @lru_cache(CACHED)
 def transported(model: Model, step: float, weighted: bool) -> Scan:
-    """Phi -> F(x, u) Phi, with the blocks (S n n,) of a sample at x."""
-    one, shape = step_of(model, step).without_disturbance(), sensitivity_of(model, step)
-    return Scan(shape.free, [one.x, one.u], shape.next, [dense_blocks(blocks_of(model, shape.Phi, weighted))])
+    """Phi -> F(x, u, w) Phi, with the blocks (S n n,) of a sample at x."""
+    one, shape = step_of(model, step), sensitivity_along(model, step)
+    return Scan(shape.free, [one.x, one.held], shape.next, [dense_blocks(blocks_of(model, shape.Phi, weighted))])
 
 
-def _sensitivities(system: AbstractSystem, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> tuple[np.ndarray, np.ndarray]:
+def _sensitivities(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, weighted: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi (1, n, n) after the last step, and blocks (N, S, n, n)."""
-    shape, n = sensitivity_of(system.model, step), x.shape[1]
-    run = transported(system.model, step, weighted).run(shape.start[None], [x, u], len(u), carries=False)
-    return shape.full(run.carry), run.results[0].reshape(len(u), -1, n, n)
+    shape, n = sensitivity_along(system.model, step), x.shape[1]
+    run = transported(system.model, step, weighted).run(shape.start[None], [x, held], len(x), carries=False)
+    return shape.full(run.carry), run.results[0].reshape(len(x), -1, n, n)
 
 
-def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> np.ndarray:
-    return _sensitivities(system, x, u, step, weighted)[1]
+def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, weighted: bool) -> np.ndarray:
+    return _sensitivities(system, x, held, step, weighted)[1]
 
 
 def perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
@@ -124,11 +128,13 @@ def perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
     return each
 
 
-def _difference_samples(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, u: np.ndarray, step: float, weighted: bool) -> np.ndarray:
+def _difference_samples(
+    system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, step: float, weighted: bool
+) -> np.ndarray:
     """Central differences over 2 n paths; the weights are those of the path itself."""
-    model, n = system.model, x.shape[1]
+    model, n, (u, w) = system.model, x.shape[1], _apart(system, held)
     starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
-    states = states_from(system, starts, u, step, kicks=defects(system, x, u, step))[:, :-1]
+    states = states_from(system, starts, u, step, w, kicks=defects(system, x, held, step))[:, :-1]
     y = readings(system, states).y
     Y = wrap_columns(y[:n] - y[n:], np.array([signal.is_angle for signal in model.outputs])) / (2 * eps[:, None, None])
     if weighted:
@@ -139,17 +145,28 @@ def _difference_samples(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, 
     return np.stack(each, axis=1)
 
 
-def defects(system: AbstractSystem, x: np.ndarray, u: np.ndarray, step: float) -> np.ndarray:
-    """Return x_k+1 - f(x_k, u_k) (N, n) along states x (N, n), the last 0: what the model does not say of a path that was not simulated."""
-    reached = states_from(system, x, u[:, None], step)[:, 1]
+def defects(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:
+    """Return x_k+1 - f(x_k, u_k, w_k) (N, n) along states x (N, n), the last 0: what the model does not say of a path not simulated."""
+    reached = _one_step(system, x, held, step)
     return np.vstack([x[1:] - reached[:-1], np.zeros((1, x.shape[1]))])
 
 
 def _integrated(system: AbstractSystem, path: Trajectory, sampler: _Sampler) -> np.ndarray:
     """Simpson's rule over each step on the values at its start, middle and end."""
-    half = path.step / 2
-    u = np.repeat(path.u, 2, axis=0)
+    half, held = path.step / 2, held_along(system, path)
     fine = np.empty((2 * path.steps + 1, path.x.shape[1]))
-    fine[::2], fine[1::2] = path.x, states_from(system, path.x[:-1], path.u[:, None], half)[:, 1]
-    values = sampler(fine, np.vstack([u, u[-1:]]), half, False)
+    fine[::2], fine[1::2] = path.x, _one_step(system, path.x[:-1], held, half)
+    values = sampler(fine, np.vstack([np.repeat(held, 2, axis=0), held[-1:]]), half, False)
     return (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half / 3
+
+
+def _one_step(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:
+    """Return where each of the states x (N, n) gets to in one step under its own row of inputs."""
+    u, w = _apart(system, held[:, None])
+    return states_from(system, x, u, step, w)[:, 1]
+
+
+def _apart(system: AbstractSystem, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return u (..., m) and w (..., p) of (u, w) (..., m + p)."""
+    m = len(system.model.inputs)
+    return held[..., :m], held[..., m:]

@@ -18,7 +18,8 @@ from obsdesign.model import AbstractSystem, Model
 from obsdesign.packing import packed, symmetric
 from obsdesign.prior import Prior
 from obsdesign.scan import Scan
-from obsdesign.step import CACHED, step_of
+from obsdesign.simulation import held_along
+from obsdesign.step import CACHED, Step, step_of
 from obsdesign.trajectory import Trajectory
 
 _UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding
@@ -37,7 +38,8 @@ def posterior_information(
     """Return J (N+1, n, n), the information about x(t_k): J[k] includes the samples at t_k for k < N, J[N] is predicted.
 
     J+ = M - M B (B'M B + Q^-1)^# B'M + C'R^-1 C,  M = F^-T J F^-1,  J_0 = P_0^-1 + C'R^-1 C; for an unknown input Q^-1 = 0.
-    Computed with square roots of J, so that what is lost to an unknown input is lost to the last digit.
+    F and B are taken at the inputs that moved the path, `path.w` among them; whoever estimates knows all but those named in
+    unknown_inputs. Computed with square roots of J, so that what is lost to an unknown input is lost to the last digit.
     disturbance_psd: None, (n,) or (n, n) in unit^2/s, Q = psd * step; active (N, S) bool: which sensors are on, None = all.
     Raises InputError for shapes that do not fit, unknown names, and unknown inputs of which a combination leaves no trace in
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
@@ -138,17 +140,23 @@ def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
 
 
 def posterior_step(model: Model, step: float, disturbance: Disturbance) -> ca.Function:
-    """Return (carry before the samples of t_k, x_k, u_k, active (S,)) -> (carry before those of t_k+1, R after those of t_k).
+    """Return (carry before the samples of t_k, x_k, u_k, active (S,)) -> (carry before those of t_k+1, R after those of t_k) at w = 0.
 
     The carry is (T, rounding): T'T the information, T and R column by column; see `Root`.
     """
-    one, weights = step_of(model, step).without_disturbance(), ca.SX.sym("active", len(model.channels))
-    n = len(model.states)
+    one = step_of(model, step).without_disturbance()
+    carry, weights, results = _step(one, model, disturbance)
+    return ca.Function("posterior", [carry, one.x, one.u, weights], results)
+
+
+def _step(one: Step, model: Model, disturbance: Disturbance) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """Return the carry, who is active, and what becomes of them: the next carry, R."""
+    n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
     T, rounding = ca.SX.sym("T", n, n), ca.SX.sym("rounding", n)
     known = Root(T, rounding).with_rows(_sample_rows(model, weights))
     later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
     carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
-    return ca.Function("posterior", [ca.vertcat(ca.vec(T), rounding), one.x, one.u, weights], [carry_next, ca.vec(ca.densify(known.T))])
+    return ca.vertcat(ca.vec(T), rounding), weights, [carry_next, ca.vec(ca.densify(known.T))]
 
 
 def posterior_start(prior: Prior) -> np.ndarray:
@@ -159,16 +167,15 @@ def posterior_start(prior: Prior) -> np.ndarray:
 
 @lru_cache(CACHED)
 def _forward(model: Model, step: float, disturbance: Disturbance) -> Scan:
-    function = posterior_step(model, step, disturbance)
-    carry, *rows = function.sx_in()
-    carry_next, R = function.call([carry, *rows])
-    return Scan(carry, rows, carry_next, [R])
+    one = step_of(model, step)
+    carry, weights, (carry_next, R) = _step(one, model, disturbance)
+    return Scan(carry, [one.x, one.held, weights], carry_next, [R])
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
     n = path.x.shape[1]
-    rows = [path.x[:-1], path.u, weights]
+    rows = [path.x[:-1], held_along(system, path), weights]
     run = _forward(system.model, path.step, disturbance).run(posterior_start(prior)[None], rows, path.steps, carries=False)
     columns = np.concatenate([run.results[0][0], run.carry[:, : n * n]])
     if not np.isfinite(columns).all():
@@ -182,7 +189,7 @@ def _backward(model: Model, step: float, disturbance: Disturbance) -> Scan:
 
     Results: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k); and B'L'L B if all were known.
     """
-    one = step_of(model, step).without_disturbance()
+    one = step_of(model, step)
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
     L, rounding, (alone, second) = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n), symmetric("alone", n)
     B, samples = one.B_w[:, list(disturbance.unknown)], _sample_rows(model, weights)
@@ -192,7 +199,7 @@ def _backward(model: Model, step: float, disturbance: Disturbance) -> Scan:
     square = packed(one.F.T @ alone @ one.F + samples.T @ samples)
     carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding, square)
     results = [ca.vec(ca.densify(noisy.T @ ca.horzcat(one.F, B))), ca.vec(ca.densify(B.T @ alone @ B))]
-    return Scan(ca.vertcat(ca.vec(L), rounding, second), [one.x, one.u, weights], carry_next, results)
+    return Scan(ca.vertcat(ca.vec(L), rounding, second), [one.x, one.held, weights], carry_next, results)
 
 
 def _backwards(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
@@ -200,7 +207,8 @@ def _backwards(system: AbstractSystem, path: Trajectory, disturbance: Disturbanc
     n, p = path.x.shape[1], len(disturbance.unknown)
     scan = _backward(system.model, path.step, disturbance)
     start = np.zeros((1, n * n + n + n * (n + 1) // 2))
-    run = scan.run(start, [path.x[-2::-1], path.u[::-1], weights[::-1]], path.steps, carries=False)
+    rows = [values[::-1] for values in (path.x[:-1], held_along(system, path), weights)]
+    run = scan.run(start, rows, path.steps, carries=False)
     later, alone = run.results[0][0, ::-1], run.results[1][0]
     if not np.isfinite(later).all():
         _refuse(later, system, path, weights)

@@ -18,8 +18,8 @@ from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.packing import Packing, packing_of
 from obsdesign.scan import Scan
-from obsdesign.simulation import simulate
-from obsdesign.step import CACHED, Sensitivity, blocks_of, sensitivity_of, step_of, steps_per_sample
+from obsdesign.simulation import held_along, simulate
+from obsdesign.step import CACHED, Sensitivity, blocks_of, sensitivity_along, step_of, steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 _CHUNK = 500  # paths per task: fixed, so that the answer does not depend on the number of workers
@@ -46,12 +46,13 @@ class Walk:
 
 @dataclass(frozen=True, eq=False)
 class Stepped:
-    """One step as SX: state (x, Phi's free entries), inputs u and w, `due` (S,) or nothing, and the blocks that are sampled."""
+    """One step as SX: state (x, Phi's free entries), inputs u, w and both, `due` (S,) or nothing, and the blocks that are sampled."""
 
     x: ca.SX
     Phi: ca.SX
     u: ca.SX
     w: ca.SX
+    held: ca.SX
     due: list[ca.SX]
     x_next: ca.SX
     Phi_next: ca.SX
@@ -61,19 +62,19 @@ class Stepped:
 @lru_cache(CACHED)
 def stepped(model: Model, step: float) -> Stepped:
     """Return one step with its samples; `due` is there only if a sensor is slower than the steps."""
-    one, shape = step_of(model, step), sensitivity_of(model, step)
+    one, shape = step_of(model, step), sensitivity_along(model, step)
     blocks, due = blocks_of(model, shape.Phi), []
     if any(period > 1 for period in steps_per_sample(model, step)):
         due = [ca.SX.sym("due", len(blocks))]
         # not a product: where a sensor has no derivative and no sample, nothing is lost
         blocks = [ca.if_else(due[0][s], block, ca.SX(*block.shape)) for s, block in enumerate(blocks)]
-    return Stepped(one.x, shape.free, one.u, one.w, due, one.x_next, shape.next, blocks)
+    return Stepped(one.x, shape.free, one.u, one.w, one.held, due, one.x_next, shape.next, blocks)
 
 
 @lru_cache(CACHED)
 def walk_of(model: Model, step: float) -> Walk:
     """Return the walk that simulates as it sums."""
-    one, shape = stepped(model, step), sensitivity_of(model, step)
+    one, shape = stepped(model, step), sensitivity_along(model, step)
     packing, sums, sums_next = _summed(one)
     carry_next = ca.vertcat(one.x_next, one.Phi_next, sums_next)
     return Walk(Scan(ca.vertcat(one.x, one.Phi, sums), [one.u, one.w, *one.due], carry_next), shape, packing, bool(one.due))
@@ -81,10 +82,10 @@ def walk_of(model: Model, step: float) -> Walk:
 
 @lru_cache(CACHED)
 def _along(model: Model, step: float) -> Walk:
-    """The same along given states: (Phi, W), rows x, u and, if masked, who samples."""
-    one, shape = stepped(model, step), sensitivity_of(model, step)
+    """The same along given states: (Phi, W), rows x, (u, w) and, if masked, who samples."""
+    one, shape = stepped(model, step), sensitivity_along(model, step)
     packing, sums, sums_next = _summed(one)
-    scan = Scan(ca.vertcat(one.Phi, sums), [one.x, one.u, *one.due], ca.vertcat(one.Phi_next, sums_next))
+    scan = Scan(ca.vertcat(one.Phi, sums), [one.x, one.held, *one.due], ca.vertcat(one.Phi_next, sums_next))
     return Walk(scan, shape, packing, bool(one.due))
 
 
@@ -102,14 +103,14 @@ def segment_information(system: AbstractSystem, path: Trajectory, segments: int)
     """
     require_fit(system, path)
     require_divisor("segments", segments, "steps", path.steps)
-    walk, length = _along(system.model, path.step), path.steps // segments
+    walk, length, rows = _along(system.model, path.step), path.steps // segments, (path.x, held_along(system, path))
     Phi, sums = walk.shape.start, []
     for first in range(0, path.steps, length):
-        part = slice(first, first + length)
+        part = [values[first : first + length] for values in rows]
         carry = np.concatenate([Phi, np.zeros(len(walk.packing.rows))])
-        carry = walk.scan.last(carry, path.x[part], path.u[part], *_due(walk, system, length, path.step, first))
+        carry = walk.scan.last(carry, *part, *_due(walk, system, length, path.step, first))
         if not np.isfinite(carry).all():
-            variational_gramian(system, Trajectory(path.t[: first + length + 1], path.x[: first + length + 1], path.u[: first + length]))
+            variational_gramian(system, path.part(0, first + length))
         sums.append(carry[len(Phi) :])
         Phi = carry[: len(Phi)]
     return walk.packing.full(np.array(sums))

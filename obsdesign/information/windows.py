@@ -13,6 +13,7 @@ from obsdesign.information.gramian import require_fit
 from obsdesign.information.sampling import sampled_only, with_derivatives
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
+from obsdesign.simulation import held_along
 from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
 from obsdesign.trajectory import Trajectory
 
@@ -43,16 +44,17 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
 def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Return F (N, n, n) and C'R^-1 C (N, S, n, n) of each sensor, 0 where there is no sample, at each step."""
     n = path.x.shape[1]
-    run = _local(system.model, path.step).run(np.empty((1, 0)), [path.x[:-1], path.u], path.steps, carries=False)
+    rows = [path.x[:-1], held_along(system, path)]
+    run = _local(system.model, path.step).run(np.empty((1, 0)), rows, path.steps, carries=False)
     F, blocks = (values.reshape(path.steps, -1, n, n) for values in run.results)
     return F[:, 0].swapaxes(1, 2), with_derivatives(sampled_only(blocks, system, path.step), system, path)
 
 
 @lru_cache(CACHED)
 def _local(model: Model, step: float) -> Scan:
-    one = step_of(model, step).without_disturbance()
+    one = step_of(model, step)
     blocks = dense_blocks(blocks_of(model, ca.SX.eye(one.x.numel())))
-    return Scan(ca.SX(0, 1), [one.x, one.u], ca.SX(0, 1), [ca.vec(ca.densify(one.F)), blocks])
+    return Scan(ca.SX(0, 1), [one.x, one.held], ca.SX(0, 1), [ca.vec(ca.densify(one.F)), blocks])
 
 
 def _joined(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:

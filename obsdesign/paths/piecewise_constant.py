@@ -1,4 +1,4 @@
-"""Inputs held over pieces of equal length."""
+"""Inputs held over pieces of nearly equal length."""
 
 from __future__ import annotations
 
@@ -6,31 +6,57 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_count
-from obsdesign.errors import InputError
-from obsdesign.paths.abstract import AbstractPath
+from obsdesign.paths import _columns
+from obsdesign.paths.abstract import AbstractPath, Grid
 
 if TYPE_CHECKING:
     import casadi as ca
     import numpy as np
 
+_COARSE = 12  # pieces that are few
+
 
 @dataclass(frozen=True)
 class PiecewiseConstant(AbstractPath):
-    """u_k = p_j for every step k of piece j; `pieces` equal pieces, each a whole number of steps."""
+    """u_k = p_j for every step k of piece j: from round(j N / pieces) on, so that lengths differ by one step at most.
+
+    p (pieces m,): the pieces of the first input, then those of the second, ... Raises InputError for pieces that are no count, and
+    for more pieces than steps. Rates are the slopes between the middles of neighbouring pieces: the inputs themselves jump.
+    """
 
     pieces: int
 
     def __post_init__(self) -> None:
         require_count("pieces", self.pieces)
 
-    def rows(self, steps: int) -> int:
-        if steps % self.pieces:
-            raise InputError(f"pieces is {self.pieces}: must divide the number of steps, {steps}")
-        return self.pieces
+    def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        _columns.require_at_most_steps("pieces", self.pieces, grid)
+        return _columns.repeated_bounds(self.pieces, grid)
 
-    def inputs(self, p: ca.SX, steps: int) -> ca.SX:
-        length = steps // self.rows(steps)
-        return p[[k // length for k in range(steps)], :]
+    def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
+        import numpy as np
 
-    def fit(self, u: np.ndarray) -> np.ndarray:
-        return u.reshape(self.rows(len(u)), -1, u.shape[1]).mean(axis=1)
+        return _columns.columns(p, grid)[np.repeat(np.arange(self.pieces), self._lengths(grid)).tolist(), :]
+
+    def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
+        import numpy as np
+
+        lengths = self._lengths(grid)
+        means = np.add.reduceat(u, np.cumsum(lengths) - lengths) / lengths[:, None]
+        return np.clip(means.ravel(order="F"), *self.box(grid))
+
+    def coarser(self) -> PiecewiseConstant | None:
+        return PiecewiseConstant((self.pieces + 1) // 2) if self.pieces > _COARSE else None
+
+    def rates(self, p: ca.SX, grid: Grid) -> ca.SX:
+        import numpy as np
+
+        lengths = self._lengths(grid) * grid.step
+        return _columns.mapped(np.diff(np.eye(self.pieces), axis=0) * (2 / (lengths[1:] + lengths[:-1]))[:, None], p, grid)
+
+    def _lengths(self, grid: Grid) -> np.ndarray:
+        """Steps in each piece (pieces,)."""
+        import numpy as np
+
+        _columns.require_at_most_steps("pieces", self.pieces, grid)
+        return np.diff((2 * np.arange(self.pieces + 1) * grid.steps + self.pieces) // (2 * self.pieces))

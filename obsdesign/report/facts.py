@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.constraints.goal import Goal
-from obsdesign.design.problem import FEASIBILITY, Cap
+from obsdesign.design.limits import Shortfall, shortfalls
+from obsdesign.design.record import Cap
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.record import standard_deviations
 from obsdesign.report.rounding import NARROW, rounded
@@ -141,24 +139,11 @@ def incomplete(study: Study, sensors: tuple[str, ...]) -> tuple[Analysis, ...]:
 
 
 def violations(study: Study, candidate: Candidate) -> tuple[str, ...]:
-    """Say which constraints a path breaks."""
-    return tuple(_broken(study, candidate))
+    """Say which limits a path breaks, and by how much, worst first."""
+    return tuple(_in_words(short) for short in shortfalls(study.designs[0].problem, candidate.path))
 
 
-def _broken(study: Study, candidate: Candidate) -> Iterator[str]:
-    x, y = (candidate.path.x[:, i] for i in study.designs[0].problem.position)
-    for constraint in study.scenario.design.constraints:
-        if _least_margin(study, constraint, x, y) >= -FEASIBILITY:
-            continue
-        match constraint:
-            case Goal(point=point, tolerance=tolerance):
-                miss = float(np.hypot(x[-1] - point[0], y[-1] - point[1]) - tolerance)
-                yield f"misses the goal by {rounded(miss)}{NARROW}m"
-            case _:
-                yield f"breaks {type(constraint).__name__}"
-
-
-def _least_margin(study: Study, constraint: AbstractConstraint, x: np.ndarray, y: np.ndarray) -> float:
-    landmarks = study.scenario.system.model.landmarks
-    margins = [*constraint.at_nodes(x, y, landmarks), *constraint.at_end(x[-1], y[-1])]
-    return min((float(np.min(margin)) for margin in margins), default=0.0)
+def _in_words(short: Shortfall) -> str:
+    unit = f"{NARROW}{short.unit}" if short.unit else ""
+    what = short.what.split(":")[0]
+    return f"misses the {what.lower()} by {rounded(short.by)}{unit}" if short.margin < 0 else what

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 import obsdesign
-from obsdesign.design.problem import Design
+from obsdesign.design.record import Design
 from obsdesign.information.shares import Contributions
 from obsdesign.report.expectations import Expectation, expectations
 from obsdesign.study import Analysis, Candidate, Quality, Selection, Study

@@ -8,8 +8,12 @@ import obsdesign.criteria
 from obsdesign.checks import whole_multiple
 from obsdesign.errors import InputError
 from obsdesign.families import kinds
+from obsdesign.moment import Moment
+from obsdesign.paths.abstract import Grid
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.wording import Location, Problem, unknown_key, unknown_name
+
+_ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
 def contradictions(scenario: Scenario) -> Iterator[Problem]:
@@ -19,6 +23,7 @@ def contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _choice_problems(scenario)
     yield from _time_problems(scenario)
     yield from _place_problems(scenario)
+    yield from _constraint_problems(scenario)
     if scenario.selection.per_segment > len(scenario.sensors):
         most = len(scenario.sensors)
         message = f"is {scenario.selection.per_segment}: must be at most the number of sensors, {most}"
@@ -72,9 +77,15 @@ def _time_problems(scenario: Scenario) -> Iterator[Problem]:
             yield Problem(("sensors", i, "rate"), f"{period}: must be a whole multiple of the step, {time.step:g} s")
     if whole_multiple(time.duration, time.step) is not None:
         try:
-            scenario.design.path.rows(scenario.steps)
+            scenario.design.path.box(_grid(scenario))
         except InputError as error:
             yield Problem(("design", "path"), str(error))
+
+
+def _grid(scenario: Scenario) -> Grid:
+    names = tuple(signal.name for signal in scenario.vehicle.inputs)
+    lower, upper = (tuple(scenario.design.bounds.get(name, (-1.0, 1.0))[side] for name in names) for side in (0, 1))
+    return Grid(names, lower, upper, scenario.steps, scenario.time.step)
 
 
 def _place_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -85,6 +96,34 @@ def _place_problems(scenario: Scenario) -> Iterator[Problem]:
     for i, sensor in enumerate(scenario.sensors):
         if sensor.landmark == (x, y):
             yield Problem(("sensors", i, "beacon"), f"is {[x, y]}: must not lie on the start, where the sensor has no derivative")
+    if (x, y) not in landmarks:
+        yield from _start_problems(scenario, Moment(scenario.start, {}, {}, landmarks))
+
+
+def _start_problems(scenario: Scenario, start: Moment) -> Iterator[Problem]:
     for i, constraint in enumerate(scenario.design.constraints):
-        if (x, y) not in landmarks and min(constraint.at_nodes(x, y, landmarks), default=0.0) < 0:
-            yield Problem(("design", "constraints", i), f"is violated by the start, [{x:g}, {y:g}]")
+        if constraint.span.first != 0 or constraint.span.anywhere:
+            continue
+        try:
+            margin = min(constraint.margins(start), default=0.0)
+        except KeyError:  # it limits rates of change, which depend on the inputs, or a state that is missing
+            continue
+        except InputError as error:  # the landmarks do not suit it
+            yield Problem(("design", "constraints", i), str(error))
+            continue
+        if margin < -_ROUNDING:
+            size, unit = constraint.size
+            where = ", ".join(f"{name} = {start.state[name]:g}" for name in constraint.states)
+            yield Problem(("design", "constraints", i), f"is violated by the start ({where}) by {-margin * size:.3g} {unit} ({constraint})")
+
+
+def _constraint_problems(scenario: Scenario) -> Iterator[Problem]:
+    for i, constraint in enumerate(scenario.design.constraints):
+        for name in constraint.states:
+            if name not in scenario.state_names:
+                yield Problem(("design", "constraints", i), f"needs the state {name!r}, which the vehicle does not have")
+        for key in ("first", "last"):
+            instant = getattr(constraint.span, key)
+            if instant is not None and instant > scenario.time.duration:
+                message = f"is {instant:g} s: must be at most the duration, {scenario.time.duration:g} s"
+                yield Problem(("design", "constraints", i, key), message)

@@ -1,0 +1,58 @@
+"""Not staying on the circle through three landmarks, on which their bearings hide where one is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
+from obsdesign.constraints._shapes import beyond
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.geometry import circle_through
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class CircleClearance(AbstractConstraint):
+    """sqrt(f^2 + (time_scale df/dt)^2) >= clearance, f = |position - c| - r, c and r of the circle through three landmarks.
+
+    The circle may be crossed, at a radial speed of clearance / time_scale or more, but neither followed nor stood on.
+    clearance [m] > 0; time_scale [s] > 0; landmarks: three points (x, y) [m], None = those that the sensors look at.
+    Raises InputError for other values and for points on one line. Rounded at c and where f = df/dt = 0, where it has derivatives;
+    at the latter they are 0: a solver that starts on a path along the circle gets no hint to which side to leave it.
+    Source: the singular set of Belo, Salaris and Bicchi 2010, section IV-B.
+    """
+
+    clearance: float
+    time_scale: float
+    landmarks: tuple[Point, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "clearance", as_size("circle_clearance: clearance", self.clearance))
+        object.__setattr__(self, "time_scale", as_size("circle_clearance: time_scale", self.time_scale))
+        object.__setattr__(self, "landmarks", as_landmarks("circle_clearance: landmarks", self.landmarks))
+        if self.landmarks is not None:
+            circle_through(self.landmarks)
+
+    def __str__(self) -> str:
+        which = "the landmarks" if self.landmarks is None else spelled_points(self.landmarks)
+        moving = f"moving from it by that much in {spelled(self.time_scale)} s"
+        return f"CircleClearance: at least {spelled(self.clearance)} m from the circle through {which}, or {moving}"
+
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.clearance, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        (x, y), radius = circle_through(moment.landmarks if self.landmarks is None else self.landmarks)
+        east, north = moment.state["x"] - x, moment.state["y"] - y
+        off = beyond(east * east + north * north, radius)
+        leaving = self.time_scale * (east * moment.rate["x"] + north * moment.rate["y"]) / (radius + off)
+        return [beyond(off * off + leaving * leaving, self.clearance) / self.clearance]

@@ -1,0 +1,53 @@
+"""Arriving with a heading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.checks import as_pair
+from obsdesign.constraints._given import as_angle, as_half_angle, as_size, spelled
+from obsdesign.constraints._shapes import outside_disc, within_angle
+from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class GoalPose(AbstractConstraint):
+    """|position(t_N) - point| <= tolerance and |heading(t_N) - heading| <= heading_tolerance, the latter to whole turns.
+
+    point (x, y) [m], heading [rad], tolerance [m] > 0, heading_tolerance [rad] in (0, pi). Raises InputError for other values.
+    Two margins: 1 - |position - point| / tolerance, and with c(a) = 2 |sin(a / 2)|, T = heading_tolerance,
+    (c(T) - c(heading error)) / (T cos(T / 2)), whose slope at the edge is 1 / T; each is rounded within 0.001 of its tolerance of
+    the aim. A margin of 1 is worth one tolerance, of position [m] or of heading [rad].
+    """
+
+    point: Point
+    heading: float
+    tolerance: float
+    heading_tolerance: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", as_pair("goal_pose: point", self.point))
+        object.__setattr__(self, "heading", as_angle("goal_pose: heading", self.heading))
+        object.__setattr__(self, "tolerance", as_size("goal_pose: tolerance", self.tolerance))
+        object.__setattr__(self, "heading_tolerance", as_half_angle("goal_pose: heading_tolerance", self.heading_tolerance))
+
+    def __str__(self) -> str:
+        place = f"within {spelled(self.tolerance)} m of {spelled(*self.point)}"
+        return f"GoalPose: {place}, heading {spelled(self.heading)} +- {spelled(self.heading_tolerance)} rad"
+
+    @property
+    def span(self) -> Span:
+        return AT_END
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y", "heading")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return 1.0, "tolerances"
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        position = -outside_disc(moment, self.point, self.tolerance)
+        return [position, within_angle(moment.state["heading"], self.heading, self.heading_tolerance)]

@@ -1,0 +1,42 @@
+"""Arriving anywhere in an area."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.constraints._given import LENGTH, spelled_points
+from obsdesign.constraints._shapes import inside_edges
+from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.geometry import convex_corners, polygon_size
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class GoalRegion(AbstractConstraint):
+    """n_i . position(t_N) <= b_i for every edge i of a convex polygon; corners (m, 2) [m], in either sense, kept counter-clockwise.
+
+    One margin per edge: the distance inside its line divided by 2 area / perimeter. Raises InputError for corners of no convex area.
+    """
+
+    corners: tuple[Point, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", convex_corners("goal_region: corners", self.corners))
+
+    def __str__(self) -> str:
+        return f"GoalRegion: within {spelled_points(self.corners)}"
+
+    @property
+    def span(self) -> Span:
+        return AT_END
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return polygon_size(self.corners), LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return inside_edges(moment, self.corners)

@@ -1,0 +1,54 @@
+"""Moving neither too slowly nor too fast over ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.constraints._given import SPEED, as_size, spelled
+from obsdesign.constraints._shapes import beyond
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.errors import InputError
+
+
+@dataclass(frozen=True)
+class GroundSpeed(AbstractConstraint):
+    """least <= |(dx/dt, dy/dt)| <= most, wind and current included; least, most [m/s] > 0, None = no limit, not both.
+
+    One margin per limit, (speed - least) / size and (most - speed) / size, with size = (most - least) / 2, or the one limit; rounded
+    where the speed is below 0.001 of the limit, so that it has a derivative at rest. Raises InputError for other values.
+    """
+
+    least: float | None = None
+    most: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, value in (("least", self.least), ("most", self.most)):
+            object.__setattr__(self, name, None if value is None else as_size(f"ground_speed: {name}", value))
+        if self.least is None and self.most is None:
+            raise InputError("ground_speed: least and most are None: must have at least one of them")
+        if self.least is not None and self.most is not None and self.least >= self.most:
+            raise InputError(f"ground_speed: most is {self.most!r}: must be above least, {self.least!r}")
+
+    def __str__(self) -> str:
+        limits = [f"{word} {spelled(value)}" for word, value in (("at least", self.least), ("at most", self.most)) if value is not None]
+        return f"GroundSpeed: {', '.join(limits)} m/s"
+
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        if self.least is not None and self.most is not None:
+            return (self.most - self.least) / 2, SPEED
+        return self.least or self.most or 0.0, SPEED
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        squared = moment.rate["x"] * moment.rate["x"] + moment.rate["y"] * moment.rate["y"]
+        size, _ = self.size
+        slow = [] if self.least is None else [beyond(squared, self.least) / size]
+        return slow + ([] if self.most is None else [-beyond(squared, self.most) / size])

@@ -1,0 +1,63 @@
+"""Pointing somewhere on a leg."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi
+
+from obsdesign.constraints._given import ANGLE, as_angle, as_window, spelled, spelled_window
+from obsdesign.constraints._shapes import within_angle
+from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.errors import InputError
+
+
+@dataclass(frozen=True)
+class HeadingSector(AbstractConstraint):
+    """low <= heading(t) <= high, to whole turns, at every instant t of [first, last]; the sector runs counter-clockwise from low to high.
+
+    low, high [rad], less than a turn apart: (6.0, 0.5) spans 0.78 rad across the direction of x. 0 <= first <= last [s], last None =
+    the end of the path. Raises InputError for other values.
+    With T half the width, a the angle from the middle and c(a) = 2 |sin(a / 2)|: margin = (c(T) - c(a)) / (T cos(T / 2)), whose slope
+    at the edges is 1 / T; rounded within 0.001 T of the middle, where it has a derivative.
+    """
+
+    low: float
+    high: float
+    first: float = 0.0
+    last: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "low", as_angle("heading_sector: low", self.low))
+        object.__setattr__(self, "high", as_angle("heading_sector: high", self.high))
+        first, last = as_window("heading_sector", self.first, self.last)
+        object.__setattr__(self, "first", first)
+        object.__setattr__(self, "last", last)
+        if abs(self.high - self.low) >= 2 * pi or not 0 < self.width < 2 * pi:
+            raise InputError(
+                f"heading_sector: high is {self.high!r}: must differ from low, {self.low!r}, by more than 0 and less than 2 pi rad"
+            )
+
+    def __str__(self) -> str:
+        sector = f"heading from {spelled(self.low)} counter-clockwise to {spelled(self.high)} rad"
+        return f"HeadingSector: {sector} {spelled_window(self.first, self.last)}"
+
+    @property
+    def width(self) -> float:
+        """Counter-clockwise from low to high [rad], in (0, 2 pi)."""
+        return (self.high - self.low) % (2 * pi)
+
+    @property
+    def span(self) -> Span:
+        return Span(self.first, self.last)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("heading",)
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.width / 2, ANGLE
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        half = self.width / 2
+        return [within_angle(moment.state["heading"], self.low + half, half)]

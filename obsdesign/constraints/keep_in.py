@@ -1,0 +1,42 @@
+"""Staying in an area."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.constraints._given import LENGTH, spelled_points
+from obsdesign.constraints._shapes import inside_edges
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.geometry import convex_corners, polygon_size
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class KeepIn(AbstractConstraint):
+    """n_i . position <= b_i for every edge i of a convex polygon; corners (m, 2) [m], in either sense, kept counter-clockwise.
+
+    One margin per edge: the distance inside its line divided by 2 area / perimeter. Raises InputError for corners of no convex area.
+    """
+
+    corners: tuple[Point, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", convex_corners("keep_in: corners", self.corners))
+
+    def __str__(self) -> str:
+        return f"KeepIn: within {spelled_points(self.corners)}"
+
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return polygon_size(self.corners), LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return inside_edges(moment, self.corners)

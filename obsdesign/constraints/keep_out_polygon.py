@@ -1,0 +1,50 @@
+"""Staying out of an area with straight edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.constraints._given import LENGTH, spelled_points
+from obsdesign.constraints._shapes import outside_polygon, widening
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.geometry import convex_corners, polygon_size
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class KeepOutPolygon(AbstractConstraint):
+    """max_i (n_i . position - b_i) >= 0 over the m edges of a convex polygon; corners (m, 2) [m], in either sense.
+
+    margin = (e log(sum_i exp(s_i / e)) - e log m) / size, with the distances s_i = n_i . position - b_i of the edges' lines,
+    size = 2 area / perimeter and e = 0.02 size. It is a smooth maximum, at the price of `widening` = e log m metres: nothing inside
+    the polygon is allowed; all that lies `widening` or more beyond the line of some edge is.
+    Raises InputError for corners of no convex area.
+    """
+
+    corners: tuple[Point, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners", convex_corners("keep_out_polygon: corners", self.corners))
+
+    def __str__(self) -> str:
+        return f"KeepOutPolygon: outside {spelled_points(self.corners)}, widened by {self.widening:.3g} m"
+
+    @property
+    def widening(self) -> float:
+        """By how much [m] the polygon's edges would have to move outwards to enclose all that is forbidden."""
+        return widening(self.corners)
+
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return polygon_size(self.corners), LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return [outside_polygon(moment, self.corners)]

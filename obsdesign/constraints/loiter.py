@@ -1,0 +1,50 @@
+"""Staying near a point for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.checks import as_pair
+from obsdesign.constraints._given import LENGTH, as_size, as_window, spelled, spelled_window
+from obsdesign.constraints._shapes import outside_disc
+from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class Loiter(AbstractConstraint):
+    """|position(t) - centre| <= radius at every instant t of [first, last].
+
+    centre (x, y) [m], radius [m] > 0, 0 <= first <= last [s], last None = the end of the path. Raises InputError for other values.
+    margin = 1 - |position - centre| / radius, rounded within 0.001 radius of the centre, where it has a derivative.
+    """
+
+    centre: Point
+    radius: float
+    first: float
+    last: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", as_pair("loiter: centre", self.centre))
+        object.__setattr__(self, "radius", as_size("loiter: radius", self.radius))
+        first, last = as_window("loiter", self.first, self.last)
+        object.__setattr__(self, "first", first)
+        object.__setattr__(self, "last", last)
+
+    def __str__(self) -> str:
+        return f"Loiter: within {spelled(self.radius)} m of {spelled(*self.centre)} {spelled_window(self.first, self.last)}"
+
+    @property
+    def span(self) -> Span:
+        return Span(self.first, self.last)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.radius, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return [-outside_disc(moment, self.centre, self.radius)]

@@ -1,0 +1,46 @@
+"""Keeping within reach of landmarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
+from obsdesign.constraints._shapes import outside_disc
+from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class MaxRange(AbstractConstraint):
+    """|position - landmark| <= distance for every landmark; distance [m] > 0. Raises InputError for other values.
+
+    landmarks (k, 2) [m]; None = those that the sensors look at. One margin per landmark, 1 - |position - landmark| / distance,
+    rounded within 0.001 distance of the landmark, where it has a derivative.
+    """
+
+    distance: float
+    landmarks: tuple[Point, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "distance", as_size("max_range: distance", self.distance))
+        object.__setattr__(self, "landmarks", as_landmarks("max_range: landmarks", self.landmarks))
+
+    def __str__(self) -> str:
+        which = "the landmarks" if self.landmarks is None else spelled_points(self.landmarks)
+        return f"MaxRange: at most {spelled(self.distance)} m from {which}"
+
+    @property
+    def span(self) -> Span:
+        return ALWAYS
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.distance, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        points = moment.landmarks if self.landmarks is None else self.landmarks
+        return [-outside_disc(moment, point, self.distance) for point in points]

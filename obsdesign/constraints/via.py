@@ -1,0 +1,51 @@
+"""Passing by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.checks import as_pair
+from obsdesign.constraints._given import LENGTH, as_size, as_window, spelled, spelled_window
+from obsdesign.constraints._shapes import outside_disc
+from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class Via(AbstractConstraint):
+    """|position(t) - point| <= tolerance at one instant t of [first, last].
+
+    point (x, y) [m], tolerance [m] > 0, 0 <= first <= last [s], last None = the end of the path. Raises InputError for other values.
+    margin = 1 - |position - point| / tolerance, rounded within 0.001 tolerance of the point, where it has a derivative.
+    """
+
+    point: Point
+    tolerance: float
+    first: float = 0.0
+    last: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", as_pair("via: point", self.point))
+        object.__setattr__(self, "tolerance", as_size("via: tolerance", self.tolerance))
+        first, last = as_window("via", self.first, self.last)
+        object.__setattr__(self, "first", first)
+        object.__setattr__(self, "last", last)
+
+    def __str__(self) -> str:
+        place = f"within {spelled(self.tolerance)} m of {spelled(*self.point)}"
+        return f"Via: {place} once {spelled_window(self.first, self.last)}"
+
+    @property
+    def span(self) -> Span:
+        return Span(self.first, self.last, anywhere=True)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("x", "y")
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.tolerance, LENGTH
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return [-outside_disc(moment, self.point, self.tolerance)]

@@ -1,0 +1,1 @@
+"""Costs of a path, for a price or a budget."""

@@ -1,0 +1,24 @@
+"""How long a path takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.costs.abstract import AbstractCost
+from obsdesign.moment import Coordinate, Moment
+
+
+@dataclass(frozen=True)
+class FlightTime(AbstractCost):
+    """rate = 1 at every instant; the sum is the duration [s]."""
+
+    def __str__(self) -> str:
+        return "flight time"
+
+    @property
+    def unit(self) -> str:
+        return "s"
+
+    def rate(self, moment: Moment) -> Coordinate:
+        # one for every instant: an array of ones where the states are arrays
+        return 1.0 + 0.0 * next(iter(moment.state.values()), 0.0)

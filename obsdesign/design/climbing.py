@@ -1,0 +1,103 @@
+"""One climb as a task for a worker: rows, climb, check between the nodes, tighten, climb again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from obsdesign.design.aim import AbstractAim, aim_of
+from obsdesign.design.ascent import ITERATIONS, Solution, Warm, climb
+from obsdesign.design.limits import rows_of, tightened
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.program import Program, Rows
+from obsdesign.design.threads import one_thread
+from obsdesign.paths.abstract import AbstractPath
+from obsdesign.simulation import simulate
+from obsdesign.status import Status
+from obsdesign.trajectory import Trajectory
+
+_ROUNDS = 8  # of climbing again with other rows
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A climb from inputs u (N, m) through families of the problem's path, coarse to fine; checked: also between the nodes."""
+
+    problem: DesignProblem
+    name: str
+    u: np.ndarray
+    families: tuple[AbstractPath, ...]
+    checked: bool
+    aim: AbstractAim | None = None
+    least: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Climbed:
+    """Where a task ended: its parameters, inputs (N, m) and path, the program's objective, and how the climb ended."""
+
+    name: str
+    p: np.ndarray
+    u: np.ndarray
+    path: Trajectory
+    objective: float
+    status: Status
+    iterations: int
+    residual: float
+    warm: Warm
+
+
+def families_of(path: AbstractPath) -> tuple[AbstractPath, ...]:
+    """Return the families from the coarsest to the path's own."""
+    found = [path]
+    while (coarser := found[-1].coarser()) is not None:
+        found.append(coarser)
+    return tuple(reversed(found))
+
+
+def climbed(task: Task) -> Climbed:
+    """Run a task in this process."""
+    u, iterations, found = task.u, 0, None
+    with one_thread():
+        for family in task.families:
+            problem = replace(task.problem, path=family)
+            found = _settled(problem, task, u, task.checked and family is task.families[-1])
+            u, iterations = found.u, iterations + found.iterations
+    if found is None:
+        raise ValueError("a task without families")
+    return replace(found, iterations=iterations)
+
+
+def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -> Climbed:
+    """Climb until the rows stay what they are and nothing falls short between the nodes."""
+    aim = aim_of(problem) if task.aim is None else task.aim
+    p, warm, done = problem.path.fit(u, problem.grid), None, 0
+    path = _flown(problem, p)
+    rows = rows_of(problem, path.x, path.u)
+    for _ in range(_ROUNDS):
+        solution = climb(Program(problem, rows), aim, p, warm, task.least, ITERATIONS)
+        done += solution.iterations
+        p, warm, path = solution.p, solution.warm, _flown(problem, solution.p)
+        following = _next_rows(problem, path, rows, checked) if solution.status.has_answer else None
+        if following is None:
+            return _climbed(task.name, path, solution, done, solution.status)
+        rows = following
+    return _climbed(task.name, path, solution, done, Status.ITERATION_LIMIT)
+
+
+def _next_rows(problem: DesignProblem, path: Trajectory, rows: Rows, checked: bool) -> Rows | None:
+    """Return the rows to climb with again, or None where these will do."""
+    if checked:
+        return tightened(problem, path, rows)
+    return None
+
+
+def _flown(problem: DesignProblem, p: np.ndarray) -> Trajectory:
+    grid = problem.grid
+    u = np.array(problem.path.inputs(p, grid), dtype=float)  # pyright: ignore[reportArgumentType]  # serves both kinds
+    return simulate(problem.system, problem.x0, u.reshape(grid.steps, -1), problem.step)
+
+
+def _climbed(name: str, path: Trajectory, solution: Solution, iterations: int, status: Status) -> Climbed:
+    return Climbed(name, solution.p, path.u, path, solution.objective, status, iterations, solution.residual, solution.warm)

@@ -1,0 +1,340 @@
+"""A design problem as functions of the path's parameters: matrices to be large, margins to be positive, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.design.nodes import Nodes, nodes_of
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.recursion import gramian_recursion, posterior_recursion
+from obsdesign.design.variation import Along, Injected, Linear, Variation, carried
+from obsdesign.information.sampling import sampled
+from obsdesign.packing import lower_indices, unpacked
+from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.step import CACHED
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """How parameters become inputs: u (N, m), du/dp (N, m, q), and the Hessian of weights'u; margins of the rates of change."""
+
+    value: ca.Function
+    slope: ca.Function
+    bend: ca.Function
+    rates: ca.Function
+    is_linear: bool
+
+
+@lru_cache(CACHED)
+def inputs_of(path: AbstractPath, grid: Grid) -> Inputs:
+    """Return the functions of a path family on a grid; inputs row by row, all of a step side by side."""
+    p = ca.SX.sym("p", len(path.box(grid)[0]))
+    u = ca.vec(ca.SX(path.inputs(p, grid)).T)
+    weights, slope = ca.SX.sym("weights", u.numel()), ca.jacobian(u, p)
+    rates = ca.SX(path.rates(p, grid))
+    is_linear = not ca.depends_on(slope, p)
+    bend = ca.SX(p.numel(), p.numel()) if is_linear else ca.hessian(ca.dot(weights, u), p)[0]
+    return Inputs(
+        ca.Function("u", [p], [ca.densify(u)]),
+        ca.Function("slope", [p], [ca.densify(slope)]),
+        ca.Function("bend", [p, weights], [ca.densify(bend)]),
+        ca.Function("rates", [p], [ca.densify(ca.vec(rates)), ca.densify(ca.jacobian(ca.vec(rates), p))]),
+        is_linear,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Which margins must hold at which nodes, and by how much more than 0: node, margin and allowance (r,).
+
+    anywhere: one tuple of (node, margin) pairs per limit that must hold at one of its instants only.
+    """
+
+    node: np.ndarray
+    margin: np.ndarray
+    allowance: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Values:
+    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0, price."""
+
+    p: np.ndarray
+    along: Along
+    windows: Along | None
+    matrices: np.ndarray
+    floors: np.ndarray
+    rows: np.ndarray
+    price: float
+
+    @property
+    def x(self) -> np.ndarray:
+        """States (N+1, n) of the path itself."""
+        return self.along.z[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """First derivatives: matrices (b, q, n, n), floors (f, q, n, n), rows (r, q), price (q,), and what second ones are made of."""
+
+    matrices: np.ndarray
+    floors: np.ndarray
+    rows: np.ndarray
+    price: np.ndarray
+    M: np.ndarray
+    G: np.ndarray
+    windows: np.ndarray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """What the Lagrangian counts the matrices (b, n, n), the floors (f, n, n), the rows (r,) and the price for, all >= 0."""
+
+    matrices: np.ndarray
+    floors: np.ndarray
+    rows: np.ndarray
+    price: float
+
+    def times(self, factor: float) -> Multipliers:
+        """Return all of them multiplied."""
+        return Multipliers(self.matrices * factor, self.floors * factor, self.rows * factor, self.price * factor)
+
+
+class Program:
+    """The functions of one problem with one duration. Nothing changes after construction."""
+
+    def __init__(self, problem: DesignProblem, rows: Rows | None = None) -> None:
+        self.problem, model = problem, problem.system.model
+        self.n, self.m, self.steps = len(model.states), len(model.inputs), problem.steps
+        known, step = problem.criterion.knowledge, problem.step
+        self._due = sampled(problem.system, self.steps, step).astype(float)
+        if known is None:
+            self._variation = _gramian_variation(problem)
+        else:
+            self._variation = _posterior_variation(problem)
+            self._due = np.column_stack([self._due, np.arange(self.steps) == self.steps - 1])
+        self.lower, self.upper = problem.path.box(problem.grid)
+        self._inputs = inputs_of(problem.path, problem.grid)
+        costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
+        self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs) if problem.constraints or costs else None
+        self.rows = Rows(*(np.zeros(0, dtype=kind) for kind in (int, int, float))) if rows is None else rows
+        # the path itself comes first; draws of the prior, where there are any, are judged in its place
+        draws = [] if problem.robust is None else [problem.robust.draws(problem.robust.samples, 0)]
+        self._starts = np.vstack([problem.x0[None], *draws])
+        self.judged = slice(0 if problem.robust is None else 1, len(self._starts))
+        self._frame = np.outer(problem.units, problem.units)
+        self._most = np.array([budget.at_most for budget in problem.budgets])
+        self._per_unit = np.array([price.per_unit for price in problem.prices])
+
+    @property
+    def q(self) -> int:
+        """Number of parameters."""
+        return len(self.lower)
+
+    def inputs(self, p: np.ndarray) -> np.ndarray:
+        """Return u (N, m)."""
+        return self._inputs.value(p).full().reshape(self.steps, self.m)
+
+    # ---------------------------------------------------------------- values
+
+    def at(self, p: np.ndarray) -> Values:
+        """Return the values at p (q,)."""
+        u = self.inputs(p)
+        along, sums = self._variation.along(self._starts, u, self._due)
+        windows, floors = self._windows(along, u)
+        totals = self._node_values(along)
+        price = float(self._per_unit @ totals[1][: len(self._per_unit)])
+        budgets = 1 - totals[1][len(self._per_unit) :] / self._most
+        chosen = totals[0][self.rows.node, self.rows.margin] - self.rows.allowance if len(self.rows.node) else np.zeros(0)
+        rows = np.concatenate([chosen, budgets, self._rate_rows(p)[0]])
+        matrices = (unpacked(sums[self.judged], self.n) + np.asarray(self.problem.known)) * self._frame
+        return Values(p, along, windows, matrices, floors, rows, price)
+
+    def margins(self, values: Values) -> np.ndarray:
+        """Return all margins (N+1, r) of the constraints at all nodes."""
+        return self._node_values(values.along)[0]
+
+    def _node_values(self, along: Along) -> tuple[np.ndarray, np.ndarray]:
+        """Margins (N+1, r) at the nodes, and the sums of the costs."""
+        if self._nodes is None:
+            return np.zeros((self.steps + 1, 0)), np.zeros(0)
+        values = self._nodes.values(*self._places(along))
+        count = self._nodes.margins
+        return values[:, :count], values[:-1, count:].sum(axis=0) * self.problem.step
+
+    def _places(self, along: Along) -> tuple[np.ndarray, np.ndarray]:
+        """(x, u) at all nodes of the path itself; the last inputs count for the end as well."""
+        return along.z[0, :, : self.n], np.vstack([along.u[0], along.u[0, -1:]])
+
+    def _rate_rows(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """1 -+ rate / limit for each rate of change, and the derivatives (., q)."""
+        limits = self.problem.rates
+        if not limits:
+            return np.zeros(0), np.zeros((0, self.q))
+        values, slopes = (each.full() for each in self._inputs.rates(p))
+        count = len(values) // self.m
+        kept = [i * count + j for i, name in enumerate(self.problem.system.model.input_names) if name in limits for j in range(count)]
+        limit = np.repeat([limits[name] for name in self.problem.system.model.input_names if name in limits], count)
+        rate, slope = values.ravel()[kept] / limit, slopes[kept] / limit[:, None]
+        return np.concatenate([1 - rate, 1 + rate]), np.vstack([-slope, slope])
+
+    # ---------------------------------------------------------------- first derivatives
+
+    def slopes(self, values: Values) -> Slopes:
+        """Return the first derivatives where the values were taken."""
+        M = self._slope_of_inputs(values.p)
+        linear = self._variation.linear(values.along)
+        first = np.zeros((len(self._starts), self._variation.c, self.q))
+        G = carried(linear, first, M)
+        matrices = self._summed(linear, G)[self.judged]
+        windows, floors = self._window_slopes(values, G, M)
+        rows, price = self._node_slopes(values, G, M)
+        rates = self._rate_rows(values.p)[1]
+        return Slopes(matrices, floors, np.vstack([rows, rates]), price, M, G, windows)
+
+    def _slope_of_inputs(self, p: np.ndarray) -> np.ndarray:
+        if self._inputs.is_linear:
+            return self._constant_slope
+        return self._inputs.slope(p).full().reshape(self.steps, self.m, self.q)
+
+    @cached_property
+    def _constant_slope(self) -> np.ndarray:
+        return self._inputs.slope((self.lower + self.upper) / 2).full().reshape(self.steps, self.m, self.q)
+
+    def _summed(self, linear: Linear, G: np.ndarray) -> np.ndarray:
+        """Derivatives (M, q, n, n) of S W S, W the sum of the gains."""
+        runs, steps, b, c = linear.D.shape
+        D = linear.D.transpose(0, 2, 1, 3).reshape(runs, b, steps * c)
+        return unpacked((D @ G[:, :-1].reshape(runs, steps * c, -1)).swapaxes(1, 2), self.n) * self._frame
+
+    def _node_slopes(self, values: Values, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._nodes is None:
+            return np.zeros((0, self.q)), np.zeros(self.q)
+        x, u = self._places(values.along)
+        both = self._nodes.slopes(x, u)
+        count, n = self._nodes.margins, self.n
+        ends = np.vstack([M, M[-1:]])
+        node, margin = self.rows.node, self.rows.margin
+        at_rows = both[node, margin]
+        rows = np.matmul(at_rows[:, None, :n], G[0, node, :n])[:, 0]
+        if np.any(at_rows[:, n:]):
+            rows = rows + np.matmul(at_rows[:, None, n:], ends[node])[:, 0]
+        costs = both[:-1, count:]
+        totals = self.problem.step * (
+            np.einsum("krn,knq->rq", costs[:, :, :n], G[0, :-1, :n]) + np.einsum("krm,kmq->rq", costs[:, :, n:], M)
+        )
+        cut = len(self._per_unit)
+        return np.vstack([rows, -totals[cut:] / self._most[:, None]]), self._per_unit @ totals[:cut]
+
+    # ---------------------------------------------------------------- second derivatives
+
+    def curvature(self, values: Values, slopes: Slopes, multipliers: Multipliers) -> np.ndarray:
+        """Return the Hessian (q, q) of the Lagrangian: price - sum <Z, matrix> - sum <Z, floor> - z'rows, weighted."""
+        injected = self._injected(values, multipliers)
+        H = self._window_bends(values, slopes, multipliers, injected)
+        weights = np.zeros((len(self._starts), self._variation.b))
+        weights[self.judged] = self._weights(multipliers.matrices)
+        second = self._variation.second(values.along, weights, injected)
+        H += _folded(second.K, second.R, slopes.G[:, :-1], slopes.M)
+        if not self._inputs.is_linear:
+            H += self._inputs.bend(values.p, second.slope.sum(axis=0).ravel()).full()
+        return (H + H.T) / 2
+
+    def _weights(self, Z: np.ndarray) -> np.ndarray:
+        """Weights (b, .) of the packed gains in -<Z, S W S>."""
+        rows, columns = lower_indices(self.n)
+        return -(Z * self._frame)[:, rows, columns] * np.where(rows == columns, 1.0, 2.0)
+
+    def _injected(self, values: Values, multipliers: Multipliers) -> Injected:
+        runs, v = len(self._starts), self.n + self.m
+        g, H = np.zeros((runs, self.steps + 1, v)), np.zeros((runs, self.steps + 1, v, v))
+        if self._nodes is not None:
+            count, rows = self._nodes.margins, len(self.rows.node)
+            weights = np.zeros((self.steps + 1, len(self._nodes.owner)))
+            np.add.at(weights, (self.rows.node, self.rows.margin), -multipliers.rows[:rows])
+            budgets = multipliers.rows[rows : rows + len(self._most)]
+            weights[:-1, count:] = self.problem.step * np.concatenate([multipliers.price * self._per_unit, budgets / self._most])
+            wanted = np.flatnonzero(weights.any(axis=1))
+            if wanted.size:
+                x, u = self._places(values.along)
+                g[0, wanted], H[0, wanted] = self._nodes.bends(x[wanted], u[wanted], weights[wanted])
+        return Injected(g, H)
+
+    # ---------------------------------------------------------------- windows
+
+    @cached_property
+    def _first_of_window(self) -> np.ndarray:
+        """First steps (f,) of the stretches that a floor is asked for: every half of their length, and the last stretch."""
+        floor = self.problem.floor
+        if floor is None:
+            return np.zeros(0, dtype=int)
+        length = self._window_length
+        return np.unique(np.append(np.arange(0, self.steps - length + 1, max(1, length // 2)), self.steps - length))
+
+    @property
+    def _window_length(self) -> int:
+        floor = self.problem.floor
+        return 0 if floor is None else round(floor.seconds / self.problem.step)
+
+    @cached_property
+    def _window_steps(self) -> np.ndarray:
+        return self._first_of_window[:, None] + np.arange(self._window_length)
+
+    def _windows(self, along: Along, u: np.ndarray) -> tuple[Along | None, np.ndarray]:
+        if self.problem.floor is None:
+            return None, np.zeros((0, self.n, self.n))
+        starts, steps = along.z[0, self._first_of_window, : self.n], self._window_steps
+        walk, sums = self._variation.along(starts, u[steps], self._due[steps])
+        return walk, unpacked(sums, self.n) * self._frame
+
+    def _window_slopes(self, values: Values, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+        if values.windows is None:
+            return None, np.zeros((0, self.q, self.n, self.n))
+        linear = self._variation.linear(values.windows)
+        first = np.zeros((len(self._first_of_window), self._variation.c, self.q))
+        first[:, : self.n] = G[0, self._first_of_window, : self.n]
+        moved = carried(linear, first, M[self._window_steps])
+        return moved, self._summed(linear, moved)
+
+    def _window_bends(self, values: Values, slopes: Slopes, multipliers: Multipliers, injected: Injected) -> np.ndarray:
+        """Return what the windows' own inputs add to the Hessian; what their first states add is injected into the path."""
+        H = np.zeros((self.q, self.q))
+        if values.windows is None or slopes.windows is None:
+            return H
+        second = self._variation.second(values.windows, self._weights(multipliers.floors), None)
+        n = self.n
+        for i, first in enumerate(self._first_of_window):
+            injected.g[0, first, :n] += second.first[i, :n]
+            injected.H[0, first, :n, :n] += second.start[i, :n, :n]
+        return H + _folded(second.K, second.R, slopes.windows[:, :-1], slopes.M[self._window_steps])
+
+
+def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """sum_k M_k'(K_k G_k) + its transpose + M_k'R_k M_k (q, q), over all runs; M (N, m, q), or (M, N, m, q) for each run its own."""
+    runs, steps, m, _ = K.shape
+    q = G.shape[-1]
+    if M.ndim == 3:
+        half = (K @ G).sum(axis=0) + 0.5 * (R.sum(axis=0) @ M)
+        Y = M.reshape(-1, q).T @ half.reshape(-1, q)
+    else:
+        half = K @ G + 0.5 * (R @ M)
+        Y = M.reshape(-1, q).T @ half.reshape(-1, q)
+    return Y + Y.T
+
+
+@lru_cache(CACHED)
+def _variation_of(model: object, step: float, known: object) -> Variation:
+    recursion = gramian_recursion(model, step) if known is None else posterior_recursion(model, step, known)  # pyright: ignore
+    return Variation(recursion, len(model.states))  # pyright: ignore
+
+
+def _gramian_variation(problem: DesignProblem) -> Variation:
+    return _variation_of(problem.system.model, problem.step, None)
+
+
+def _posterior_variation(problem: DesignProblem) -> Variation:
+    return _variation_of(problem.system.model, problem.step, problem.criterion.knowledge)

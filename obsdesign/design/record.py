@@ -1,0 +1,104 @@
+"""What came out of a design."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.design.limits import Shortfall
+from obsdesign.design.problem import DesignProblem
+from obsdesign.information.record import Information
+from obsdesign.status import Status
+from obsdesign.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Cap:
+    """An upper bound on lambda_min(S W S) of every path: the smallest eigenvalue of a block that no path changes."""
+
+    value: float
+    states: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Start:
+    """One start of the solver: where it began, how it ended, the recomputed objective (NaN without an answer).
+
+    residual: projected gradient of the Lagrangian, in units of the objective; refined: False where the coarse path it came to was
+    left alone, as that of another start was better.
+    """
+
+    name: str
+    status: Status
+    value: float
+    iterations: int
+    residual: float
+    refined: bool = True
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """A local optimum that one or several starts came to, by its objective."""
+
+    value: float
+    starts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """The criterion over fresh draws of the prior, none of which the design has seen: their number, the worst, 5 %, mean."""
+
+    draws: int
+    worst: float
+    five_percent: float
+    mean: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """How much better another path might be: evidence, not proof.
+
+    estimate: the smallest value found, over matrices Z >= 0 of trace 1, of the largest <Z, S W S> that any path was found to have
+    (an upper bound if those were largest); Z (n, n), climbs: how many were made; remaining: 1 - value / estimate.
+    """
+
+    estimate: float
+    remaining: float
+    Z: np.ndarray
+    climbs: int
+    in_words: str
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """The best path found. value = criterion(S W S), recomputed by the analysis code; NaN without an answer.
+
+    objective: what was maximised, the value (of the prior's draws where the problem is robust) minus prices. problem: with the
+    duration of the path. trajectory and information are None when no start found an answer; `starts` tells what each did,
+    `shortfalls` what stood in the way, `reason` the same in words. eigenvalues (2,): the two smallest of S W S.
+    """
+
+    problem: DesignProblem
+    trajectory: Trajectory | None
+    information: Information | None
+    value: float
+    status: Status
+    starts: tuple[Start, ...]
+    cap: Cap | None = None
+    objective: float = float("nan")
+    p: np.ndarray | None = None
+    eigenvalues: tuple[float, float] = (float("nan"), float("nan"))
+    residual: float = float("nan")
+    iterations: int = 0
+    seconds: float = 0.0
+    optima: tuple[Optimum, ...] = ()
+    robustness: Robustness | None = None
+    evidence: Evidence | None = None
+    shortfalls: tuple[Shortfall, ...] = ()
+    reason: str = ""
+
+    @property
+    def reaches_cap(self) -> bool:
+        """Whether the value lies within 1e-6 of its cap, so that no path does better."""
+        return self.cap is not None and self.value >= self.cap.value * (1 - 1e-6)

@@ -1,0 +1,161 @@
+"""First and second derivatives of a recursion along a path, step by step: cost linear in the number of steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.design.recursion import Recursion
+from obsdesign.packing import packed, symmetric
+from obsdesign.scan import Scan, Spread
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """M runs of N steps: z (M, N+1, c) with the state first, u (M, N, m), due (N, s) or (M, N, s)."""
+
+    z: np.ndarray
+    u: np.ndarray
+    due: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """dz_k+1 = A dz_k + B du_k, d gain_k = D dz_k: A (M, N, c, c), B (M, N, c, m), D (M, N, b, c)."""
+
+    A: np.ndarray
+    B: np.ndarray
+    D: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Injected:
+    """Costs of single nodes beside the recursion's: gradient g (M, N+1, v) and Hessian H (M, N+1, v, v) to v = (x, u) there."""
+
+    g: np.ndarray
+    H: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Second:
+    """Second derivatives of a sum over the path: K (M, N, m, c), R (M, N, m, m), slope (M, N, m) to the inputs.
+
+    d2 = sum_k du_k' (R_k du_k + 2 K_k dz_k) where dz_k is what earlier inputs did. first (M, c), start (M, c, c): gradient and
+    Hessian to z_0 with all inputs kept.
+    """
+
+    K: np.ndarray
+    R: np.ndarray
+    slope: np.ndarray
+    first: np.ndarray
+    start: np.ndarray
+
+
+class Variation:
+    """The compiled walks of one recursion."""
+
+    def __init__(self, recursion: Recursion, n: int) -> None:
+        one = self._one = recursion
+        self.n, self.c, self.m = n, one.z.numel(), one.u.numel()
+        self.b = one.gain.numel()
+        self._forward = Scan(one.z, [one.u, one.due], one.z_next, [one.gain])
+        parts = (ca.jacobian(one.z_next, one.z), ca.jacobian(one.z_next, one.u), ca.jacobian(one.gain, one.z))
+        empty = ca.SX(0, 1)
+        self._linear = Scan(empty, [one.z, one.u, one.due], empty, [_spread(part) for part in parts])
+        self._backward = self._second_order()
+
+    def along(self, starts: np.ndarray, u: np.ndarray, due: np.ndarray) -> tuple[Along, np.ndarray]:
+        """Walk from states (M, n) with inputs (N, m) or (M, N, m); return the walk and the sums of the gains (M, b)."""
+        runs, steps = len(starts), u.shape[-2]
+        first = np.hstack([starts, np.tile(self._one.start, (runs, 1))])
+        run = self._forward.run(first, [u, due], steps)
+        z = np.concatenate([first[:, None], run.carries], axis=1)
+        return Along(z, np.broadcast_to(u, (runs, steps, self.m)), due), run.results[0].sum(axis=1)
+
+    def linear(self, along: Along) -> Linear:
+        """Return the derivatives of every step."""
+        runs, steps = along.u.shape[:2]
+        due = np.broadcast_to(along.due, (runs, steps, along.due.shape[-1]))
+        rows = [_flat(along.z[:, :-1]), _flat(along.u), _flat(due)]
+        A, B, D = self._linear.run(np.empty((1, 0)), rows, runs * steps, carries=False).results
+        shape = (runs, steps)
+        return Linear(A.reshape(*shape, self.c, self.c), B.reshape(*shape, self.c, self.m), D.reshape(*shape, self.b, self.c))
+
+    def second(self, along: Along, weights: np.ndarray, injected: Injected | None) -> Second:
+        """Return second derivatives of sum_k weights' gain_k, weights (M, b), plus what is injected at the nodes."""
+        runs, steps, v = *along.u.shape[:2], self.n + self.m
+        g, H = (np.zeros((runs, steps + 1, v)), np.zeros((runs, steps + 1, v, v))) if injected is None else (injected.g, injected.H)
+        lower = np.triu_indices(v)
+        rows = [
+            along.z[:, -2::-1],
+            along.u[:, ::-1],
+            along.due[..., ::-1, :],
+            np.repeat(weights[:, None], steps, axis=1),
+            g[:, -2::-1],
+            H[:, -2::-1, lower[1], lower[0]],
+        ]
+        state = np.zeros((runs, self.c, self.c))
+        state[:, : self.n, : self.n] = H[:, -1, : self.n, : self.n]
+        inner = np.triu_indices(self.c)
+        end = np.hstack([g[:, -1, : self.n], np.zeros((runs, self.c - self.n)), state[:, inner[1], inner[0]]])
+        run = self._backward.run(end, rows, steps, carries=False)
+        K, R, slope = (values[:, ::-1] for values in run.results)
+        start = np.zeros((runs, self.c, self.c))
+        start[:, inner[1], inner[0]] = start[:, inner[0], inner[1]] = run.carry[:, self.c :]
+        shape = (runs, steps)
+        return Second(K.reshape(*shape, self.m, self.c), R.reshape(*shape, self.m, self.m), slope, run.carry[:, : self.c], start)
+
+    def _second_order(self) -> Scan:
+        """(lambda, P) at k+1 -> at k; h = weights' gain + lambda' z_next + injected, P = h_zz + A'P A, K = h_uz + B'P A, R = h_uu + B'P B."""
+        one, n, v = self._one, self.n, self.n + self.m
+        later, (P, entries) = ca.SX.sym("lambda", self.c), symmetric("P", self.c)
+        weights, g, (H, spots) = ca.SX.sym("weights", self.b), ca.SX.sym("g", v), symmetric("H", v)
+        both = ca.vertcat(one.z, one.u)
+        potential = ca.dot(weights, one.gain) + ca.dot(later, one.z_next)
+        bend, slope = ca.hessian(potential, both)
+        A, B = ca.jacobian(one.z_next, one.z), ca.jacobian(one.z_next, one.u)
+        c = self.c
+        place = [*range(n), *range(c, c + self.m)]
+        slope, bend = ca.densify(slope), ca.densify(bend)
+        slope[place] += g
+        for i, row in enumerate(place):
+            for j, column in enumerate(place):
+                bend[row, column] += H[i, j]
+        K = bend[c:, :c] + B.T @ P @ A
+        R = bend[c:, c:] + B.T @ P @ B
+        P_now = bend[:c, :c] + A.T @ P @ A
+        carry_next = ca.vertcat(slope[:c], packed(P_now))
+        results = [ca.vec(K.T), ca.vec(R), slope[c:]]
+        return Scan(ca.vertcat(later, entries), [one.z, one.u, one.due, weights, g, spots], carry_next, results)
+
+
+def carried(linear: Linear, first: np.ndarray, M: np.ndarray) -> np.ndarray:
+    """Return G (M, N+1, c, q), dz_k/dp, from first (M, c, q) with inputs du_k = M_k dp, M (N, m, q) or (M, N, m, q)."""
+    runs, steps, c, _ = linear.A.shape
+    G = np.empty((runs, steps + 1, c, first.shape[-1]))
+    G[:, 0] = first
+    pushed = linear.B @ M
+    if runs == 1:  # fewer dimensions: half the time
+        A, one, push = linear.A[0], G[0], pushed[0]
+        for k in range(steps):
+            np.dot(A[k], one[k], out=one[k + 1])
+            one[k + 1] += push[k]
+        return G
+    for k in range(steps):
+        np.matmul(linear.A[:, k], G[:, k], out=G[:, k + 1])
+        G[:, k + 1] += pushed[:, k]
+    return G
+
+
+def _spread(matrix: ca.SX) -> Spread:
+    """Return a matrix for an array, row by row, each entry computed once and zeros not at all."""
+    rows, columns = matrix.shape
+    place = np.full((rows, columns), matrix.nnz())
+    place[np.array(matrix.sparsity().row(), dtype=int), np.array(matrix.sparsity().get_triplet()[1], dtype=int)] = np.arange(matrix.nnz())
+    return Spread(ca.vertcat(matrix.nz[:], 0), place.ravel())
+
+
+def _flat(values: np.ndarray) -> np.ndarray:
+    return values.reshape(-1, values.shape[-1])

@@ -1,0 +1,140 @@
+"""Three landmarks and unknown inputs: the circle that hides where one is, and how near a path comes to staying on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.calculus import lie_derivative
+from obsdesign.checks import as_pair, require_count, require_known
+from obsdesign.geometry import circle_through
+from obsdesign.information.gramian import require_fit
+from obsdesign.information.windows import sliding_information
+from obsdesign.model import AbstractSystem, Model
+from obsdesign.scan import Scan
+from obsdesign.signals import Point
+from obsdesign.simulation import as_scale, held_along
+from obsdesign.step import CACHED, steps_per_sample
+from obsdesign.trajectory import Trajectory
+
+_SAMPLES = 3  # of each bearing: two are 6 numbers, and one of them too few for 6 states where one sample is taken on the circle
+_ROUND_OFF = 1e-12
+
+
+@dataclass(frozen=True)
+class Circle:
+    """The points at `radius` [m] from `centre` (x, y) [m]."""
+
+    centre: Point
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class CircleResiduals:
+    """How near a path comes to the circle C, and to staying on it, at each of its N steps; P is the position.
+
+    t (N,) [s]; distance (N,): ||P - c| - r| [m]
+    residuals (N, K): d^k/dt^k (|P - c|^2 - r^2) [m^2/s^k], k = 0 .. K-1; a path along C has all of them 0
+    sigma_min (N,): smallest singular value of S W S, W what the samples of the window that begins here say about x(t_k);
+    NaN in the last steps, where no whole window is left
+    paper_relation (N, K): |d^k/dt^k (v_f, v_h)| / (d^k/dt^k omega) [m], the velocity along the vehicle's axes over the turn rate.
+    Relation (8) of the paper equates it with r for all k; inf stands for x/0, NaN for 0/0 and for systems without a heading. It is not
+    the condition: constant inputs are 0/0 for k > 0; the sign of v is lost (clockwise along C it is r where omega turns the
+    vehicle off C, -r where it keeps it on); moving along C without turning, forward and sideways by turns, it is inf
+    """
+
+    circle: Circle
+    t: np.ndarray
+    distance: np.ndarray
+    residuals: np.ndarray
+    sigma_min: np.ndarray
+    paper_relation: np.ndarray
+
+
+def landmark_circle(landmarks: Sequence[Point]) -> Circle:
+    """Return the circle C through three landmarks (x, y) [m].
+
+    With unknown constant inputs three bearings and their first derivatives have dependent gradients on C; all derivatives do
+    where the vehicle stays on it. Raises InputError unless there are three, not on one line.
+    Source: Belo, Salaris and Bicchi 2010, section IV-B.
+    """
+    return Circle(*circle_through([as_pair("landmark", point) for point in landmarks]))
+
+
+def circle_residuals(
+    system: AbstractSystem,
+    path: Trajectory,
+    landmarks: Sequence[Point] | None = None,
+    orders: int = 3,
+    *,
+    window: int | None = None,
+    scale: ArrayLike | None = None,
+) -> CircleResiduals:
+    """Return how near a path comes to the circle C through three landmarks, and to staying on it, step by step.
+
+    Residuals are Lie derivatives along drift + B u + G w at (x_k, u_k, w_k): inputs are held over a step. sigma_min takes inputs
+    for known; what nobody knows must be a state, as the slips of Omnidirectional("constant").
+    landmarks: None = those of the system's sensors; orders: K >= 1; window [steps]: of the information behind sigma_min,
+    None = three samples of the slowest sensor, at most the path; scale (n,): the diagonal of S, None = ones.
+    Raises InputError unless there are three landmarks not on one line, and states x and y. Source: Belo, Salaris and Bicchi 2010.
+    """
+    require_fit(system, path)
+    require_count("orders", orders)
+    model = system.model
+    require_known("circle_residuals: the state", ("x", "y"), model.state_names)
+    circle = landmark_circle(model.landmarks if landmarks is None else landmarks)
+    found = _along(model, circle, orders).along(np.empty(0), path.x[:-1], held_along(system, path))
+    residuals, moved, sizes, turned = found[1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relation = np.where(moved <= _ROUND_OFF * sizes, 0.0, moved) / turned
+    # ||P - c| - r| without the difference of two nearly equal numbers
+    distance = np.abs(residuals[:, 0]) / (np.sqrt(np.maximum(residuals[:, 0] + circle.radius**2, 0.0)) + circle.radius)
+    return CircleResiduals(circle, path.t[:-1], distance, residuals, _sigma_min(system, path, window, scale), relation)
+
+
+def _sigma_min(system: AbstractSystem, path: Trajectory, window: int | None, scale: ArrayLike | None) -> np.ndarray:
+    units = as_scale(system, scale)
+    length = min(path.steps, _SAMPLES * max(steps_per_sample(system.model, path.step))) if window is None else window
+    W = sliding_information(system, path, length).sum(axis=1) * units[:, None] * units
+    # the singular values of a symmetric matrix are the sizes of its eigenvalues
+    smallest = np.abs(np.linalg.eigvalsh(W)).min(axis=1)
+    return np.concatenate([smallest, np.full(path.steps - len(smallest), np.nan)])
+
+
+@lru_cache(CACHED)
+def _along(model: Model, circle: Circle, orders: int) -> Scan:
+    """At x and (u, w): residuals (K,), then |d^k (v_f, v_h)|, what rounding is measured against, and d^k omega (K,) each."""
+    names, field = model.state_names, model.drift + model.B @ model.u + model.G @ model.w
+    position = ca.vertcat(*(model.x[names.index(name)] for name in ("x", "y")))
+    residual = ca.sumsqr(position - ca.SX(circle.centre)) - circle.radius**2
+    results = [ca.vertcat(*_derivatives(residual, model.x, field, orders)), *_paper(model, position, field, orders)]
+    return Scan(ca.SX(0, 1), [model.x, ca.vertcat(model.u, model.w)], ca.SX(0, 1), results)
+
+
+def _paper(model: Model, position: ca.SX, field: ca.SX, orders: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    if "heading" not in model.state_names:
+        nothing = ca.SX.zeros(orders)
+        return nothing, nothing, nothing
+    heading = model.x[model.state_names.index("heading")]
+    velocity, turning = (lie_derivative(what, model.x, field) for what in (position, heading))
+    to_axes = ca.blockcat([[ca.cos(heading), ca.sin(heading)], [-ca.sin(heading), ca.cos(heading)]])
+    along_axes = _derivatives(to_axes @ velocity, model.x, field, orders)
+    # what these derivatives are the sums of; constant velocities along the axes leave rounding
+    sizes = [ca.SX(0)]
+    for change in _derivatives(velocity, model.x, field, orders):
+        sizes.append(ca.norm_2(change) + ca.fabs(turning) * sizes[-1])
+    turned = _derivatives(turning, model.x, field, orders)
+    return ca.vertcat(*map(ca.norm_2, along_axes)), ca.vertcat(*sizes[1:]), ca.vertcat(*turned)
+
+
+def _derivatives(functions: ca.SX, x: ca.SX, field: ca.SX, orders: int) -> list[ca.SX]:
+    """Return functions (q, 1) and their derivatives of orders 1 .. orders - 1 with respect to time."""
+    found = [functions]
+    for _ in range(orders - 1):
+        found.append(lie_derivative(found[-1], x, field))
+    return found
