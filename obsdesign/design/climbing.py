@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.design.aim import AbstractAim, aim_of
-from obsdesign.design.ascent import ITERATIONS, Solution, Warm, climb
+from obsdesign.design.ascent import TOLERANCE, Limits, Solution, Warm, climb
 from obsdesign.design.limits import rows_of, tightened
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Program, Rows
@@ -18,6 +18,7 @@ from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
 _ROUNDS = 8  # of climbing again with other rows
+_COARSE = 1e-5  # tolerance where a finer climb follows
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,11 +50,11 @@ class Climbed:
 
 
 def families_of(path: AbstractPath) -> tuple[AbstractPath, ...]:
-    """Return the families from the coarsest to the path's own."""
+    """Return families from the coarsest to the path's own, each of about four times as many parameters as the one before."""
     found = [path]
     while (coarser := found[-1].coarser()) is not None:
         found.append(coarser)
-    return tuple(reversed(found))
+    return tuple(reversed([*found[:-1:2], found[-1]] if len(found) > 1 else found))
 
 
 def climbed(task: Task) -> Climbed:
@@ -76,7 +77,7 @@ def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -
     path = _flown(problem, p)
     rows = rows_of(problem, path.x, path.u)
     for _ in range(_ROUNDS):
-        solution = climb(Program(problem, rows), aim, p, warm, task.least, ITERATIONS)
+        solution = climb(Program(problem, rows), aim, p, warm, task.least, Limits(tolerance=TOLERANCE if checked else _COARSE))
         done += solution.iterations
         p, warm, path = solution.p, solution.warm, _flown(problem, solution.p)
         following = _next_rows(problem, path, rows, checked) if solution.status.has_answer else None

@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import islice
 
-import cvxpy as cp
 import numpy as np
 
 from obsdesign.design.aim import Linear
@@ -49,7 +48,7 @@ def evidence_for(design: Design, starts: int, seed: int, executor: Executor | No
             estimate, best_Z = largest, Z
         better = _improved(better, usable)
         columns += matrices
-        inputs = [better_u for better_u in [*(each.u for each in usable), *inputs]][: starts + 1]
+        inputs = [*(each.u for each in usable), *inputs][: starts + 1]
         if estimate <= better.value * (1 + _ENOUGH):
             break
     remaining = float(max(0.0, 1 - better.value / estimate))
@@ -66,6 +65,8 @@ def _matrix(problem: DesignProblem, path: Trajectory) -> np.ndarray:
 
 def _prices(problem: DesignProblem, columns: Sequence[np.ndarray]) -> np.ndarray:
     """Z >= 0, trace 1 over the judged states, that makes the largest <Z, W> of the columns least: the dual of mixing them."""
+    import cvxpy as cp  # seconds to load, and few designs ask
+
     n, size = len(problem.x0), float(np.mean([np.trace(W) for W in columns]))
     Z, top = cp.Variable((n, n), PSD=True), cp.Variable()
     E = np.zeros((n, n))

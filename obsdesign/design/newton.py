@@ -82,7 +82,8 @@ def _face(face: Face, T: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
     if V.shape[1]:
         R = U.T @ face.D @ V
         inner = np.linalg.inv(V.T @ S @ V)
-        bent = 2 * np.einsum("qaj,ab,rbk,jk->qr", R, U.T @ face.Z @ U, R, inner, optimize=True)
+        weighed = (U.T @ face.Z @ U) @ R @ inner
+        bent = 2 * R.reshape(q, -1) @ weighed.reshape(q, -1).T
     rows, columns = np.tril_indices(U.shape[1])
     slopes = (U.T @ face.D @ U)[:, rows, columns].T
     along = np.zeros((len(rows), T))

@@ -25,6 +25,8 @@ from obsdesign.prior import Prior
 from obsdesign.simulation import as_scale, as_state
 from obsdesign.trajectory import Trajectory
 
+_ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
+
 
 @dataclass(frozen=True)
 class Floor:
@@ -281,6 +283,6 @@ class _Checks:
                 margins = constraint.margins(moment)
             except KeyError:  # needs a rate, which the start does not have
                 continue
-            if min(margins, default=0.0) < 0:
+            if min(margins, default=0.0) < -_ROUNDING:
                 where = ", ".join(f"{name} = {state[name]:g}" for name in constraint.states)
                 raise InputError(f"start ({where}) violates {constraint}")

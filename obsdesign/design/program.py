@@ -137,6 +137,9 @@ class Program:
 
     def inputs(self, p: np.ndarray) -> np.ndarray:
         """Return u (N, m)."""
+        if self._inputs.is_linear:
+            offset, slope = self._line
+            return (offset + slope @ p).reshape(self.steps, self.m)
         return self._inputs.value(p).full().reshape(self.steps, self.m)
 
     # ---------------------------------------------------------------- values
@@ -200,6 +203,12 @@ class Program:
         if self._inputs.is_linear:
             return self._constant_slope
         return self._inputs.slope(p).full().reshape(self.steps, self.m, self.q)
+
+    @cached_property
+    def _line(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offset (N m,) and slope (N m, q) of inputs that are linear in their parameters."""
+        slope = self._constant_slope.reshape(-1, self.q)
+        return self._inputs.value(self.lower).full().ravel() - slope @ self.lower, slope
 
     @cached_property
     def _constant_slope(self) -> np.ndarray:
@@ -315,14 +324,9 @@ class Program:
 
 def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.ndarray:
     """sum_k M_k'(K_k G_k) + its transpose + M_k'R_k M_k (q, q), over all runs; M (N, m, q), or (M, N, m, q) for each run its own."""
-    runs, steps, m, _ = K.shape
     q = G.shape[-1]
-    if M.ndim == 3:
-        half = (K @ G).sum(axis=0) + 0.5 * (R.sum(axis=0) @ M)
-        Y = M.reshape(-1, q).T @ half.reshape(-1, q)
-    else:
-        half = K @ G + 0.5 * (R @ M)
-        Y = M.reshape(-1, q).T @ half.reshape(-1, q)
+    half = (K @ G).sum(axis=0) + 0.5 * (R.sum(axis=0) @ M) if M.ndim == 3 else K @ G + 0.5 * (R @ M)
+    Y = M.reshape(-1, q).T @ half.reshape(-1, q)
     return Y + Y.T
 
 

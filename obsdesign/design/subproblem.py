@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import clarabel
 import numpy as np
@@ -56,68 +57,113 @@ class Step:
 
 def minimised(model: Model, tolerance: float) -> Step | None:
     """Return the minimiser, or None where the solver gives up."""
-    q, T, r, h = len(model.g), len(model.weights), len(model.rows), len(model.hard)
-    width = q + T + 1
-    slack = q + T
+    quick = _solved(model, tolerance, careful=False)
+    return quick if quick is not None else _solved(model, tolerance, careful=True)
+
+
+def _solved(model: Model, tolerance: float, careful: bool) -> Step | None:
+    """Hand the model to Clarabel; careful: with all that it does for badly scaled problems, at twice the time."""
+    q, T, slack = len(model.g), len(model.weights), len(model.g) + len(model.weights)
+    dense = np.vstack([_rows(model, slack), *(_cone_rows(cone, q, slack) for cone in model.cones)])
+    sides = [model.high, -model.low, [0.0], model.rows, model.hard, *(_vector(cone.A) for cone in model.cones)]
+    lines = 2 * q + 1 + len(model.rows) + len(model.hard)
+    kinds = [clarabel.NonnegativeConeT(lines), *(clarabel.PSDTriangleConeT(len(cone.A)) for cone in model.cones)]
     linear = np.concatenate([model.g, -model.weights, [model.penalty]])
-    A = np.zeros((2 * q + 1 + r + h, width))
-    b = np.concatenate([model.high, -model.low, [0.0], model.rows, model.hard])
-    at = np.arange(q)
-    A[at, at], A[q + at, at], A[2 * q, slack] = 1.0, -1.0, -1.0
-    A[2 * q + 1 : 2 * q + 1 + r, :q], A[2 * q + 1 : 2 * q + 1 + r, slack] = -model.slopes, -1.0
-    if h:
-        A[2 * q + 1 + r :, :q], A[2 * q + 1 + r :, q] = -model.hard_slopes, 1.0
-    parts, sides, kinds = [A], [b], [clarabel.NonnegativeConeT(len(A))]
-    for cone in model.cones:
-        n = len(cone.A)
-        part = np.zeros((n * (n + 1) // 2, width))
-        part[:, :q] = -_vector(cone.D).T
-        if cone.j is not None:
-            part[:, q + cone.j] = _vector(cone.E)
-        part[:, slack] = -cone.share * _vector(np.eye(n))
-        parts.append(part)
-        sides.append(_vector(cone.A))
-        kinds.append(clarabel.PSDTriangleConeT(n))
-    solver = clarabel.DefaultSolver(
-        _upper(model.B, width), linear, sparse.csc_matrix(np.vstack(parts)), np.concatenate(sides), kinds, _settings(tolerance)
-    )
-    found = solver.solve()
+    found = clarabel.DefaultSolver(
+        _upper(model.B, slack + 1), linear, _stacked(dense, q, T), np.concatenate(sides), kinds, _settings(tolerance, careful)
+    ).solve()
     if str(found.status) not in _ACCEPTED:
         return None
-    x, z = np.array(found.x), np.array(found.z)
-    Z, first = [], len(A)
+    return _step(model, np.array(found.x), np.array(found.z), slack)
+
+
+def _rows(model: Model, slack: int) -> np.ndarray:
+    """-slack <= 0, -slopes d - slack <= rows, -hard_slopes d + t_0 <= hard, as rows (., q + T + 1)."""
+    q, r, h = len(model.g), len(model.rows), len(model.hard)
+    found = np.zeros((1 + r + h, slack + 1))
+    found[: 1 + r, slack] = -1.0
+    found[1 : 1 + r, :q] = -model.slopes
+    if h:
+        found[1 + r :, :q], found[1 + r :, q] = -model.hard_slopes, 1.0
+    return found
+
+
+def _cone_rows(cone: Cone, q: int, slack: int) -> np.ndarray:
+    found = np.zeros((cone.A.size - len(cone.A) * (len(cone.A) - 1) // 2, slack + 1))
+    found[:, :q] = -_vector(cone.D).T
+    if cone.j is not None:
+        found[:, q + cone.j] = _vector(cone.E)
+    if cone.share:
+        found[:, slack] = -cone.share * _vector(np.eye(len(cone.A)))
+    return found
+
+
+def _step(model: Model, x: np.ndarray, z: np.ndarray, slack: int) -> Step:
+    q, r, h = len(model.g), len(model.rows), len(model.hard)
+    first = 2 * q + 1 + r + h
+    Z, at = [], first
     for cone in model.cones:
         n = len(cone.A)
-        Z.append(_matrix(z[first : first + n * (n + 1) // 2], n))
-        first += n * (n + 1) // 2
+        Z.append(_matrix(z[at : at + n * (n + 1) // 2], n))
+        at += n * (n + 1) // 2
     rows = z[2 * q + 1 : 2 * q + 1 + r]
-    return Step(x[:q], float(x[slack]), tuple(Z), rows, z[2 * q + 1 + r : len(A)], np.maximum(z[:q], z[q : 2 * q]))
+    return Step(x[:q], float(x[slack]), tuple(Z), rows, z[first - h : first], np.maximum(z[:q], z[q : 2 * q]))
 
 
-def _settings(tolerance: float) -> clarabel.DefaultSettings:
+@lru_cache(8)
+def _settings(tolerance: float, careful: bool) -> clarabel.DefaultSettings:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_iter = 60
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    settings.presolve_enable = settings.chordal_decomposition_enable = settings.iterative_refinement_enable = careful
     return settings
 
 
 def _upper(B: np.ndarray, width: int) -> sparse.csc_matrix:
     """Return the upper triangle of B (q, q), padded with zeros to (width, width)."""
-    q = len(B)
-    ends = np.arange(q + 1) * np.arange(1, q + 2) // 2
+    columns, rows, ends = _triangle(len(B), width)
+    return sparse.csc_matrix((B[rows, columns], rows, ends), shape=(width, width))
+
+
+@lru_cache(16)
+def _triangle(q: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     columns, rows = np.tril_indices(q)  # of the transpose: column by column
-    return sparse.csc_matrix((B[rows, columns], rows, np.concatenate([ends, np.full(width - q, ends[-1])])), shape=(width, width))
+    ends = np.arange(q + 1) * np.arange(1, q + 2) // 2
+    return columns, rows, np.concatenate([ends, np.full(width - q, ends[-1])])
+
+
+def _stacked(dense: np.ndarray, q: int, T: int) -> sparse.csc_matrix:
+    """Return [I 0; -I 0; dense], the bounds of the q first variables above rows without structure."""
+    indices, ends = _places(q, T, len(dense))
+    bounds = np.empty((q, 2 + len(dense)))
+    bounds[:, 0], bounds[:, 1], bounds[:, 2:] = 1.0, -1.0, dense[:, :q].T
+    data = np.concatenate([bounds.ravel(), dense[:, q:].T.ravel()])
+    return sparse.csc_matrix((data, indices, ends), shape=(2 * q + len(dense), q + T + 1))
+
+
+@lru_cache(64)
+def _places(q: int, T: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
+    below = 2 * q + np.arange(lines)
+    first = [np.concatenate([[j, q + j], below]) for j in range(q)]
+    ends = np.cumsum([0, *([lines + 2] * q), *([lines] * (T + 1))])
+    return np.concatenate([*first, *([below] * (T + 1))]), ends
+
+
+@lru_cache(16)
+def _lower(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    columns, rows = np.tril_indices(n)
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 def _vector(S: np.ndarray) -> np.ndarray:
     """Upper triangles (..., n (n + 1) / 2) of symmetric S (..., n, n), column by column, off the diagonal times sqrt 2."""
-    columns, rows = np.tril_indices(S.shape[-1])
-    return S[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+    rows, columns, weights = _lower(S.shape[-1])
+    return S[..., rows, columns] * weights
 
 
 def _matrix(values: np.ndarray, n: int) -> np.ndarray:
-    columns, rows = np.tril_indices(n)
+    rows, columns, weights = _lower(n)
     S = np.empty((n, n))
-    S[rows, columns] = S[columns, rows] = values / np.where(rows == columns, 1.0, np.sqrt(2.0))
+    S[rows, columns] = S[columns, rows] = values / weights
     return S

@@ -108,7 +108,10 @@ class Variation:
         return Second(K.reshape(*shape, self.m, self.c), R.reshape(*shape, self.m, self.m), slope, run.carry[:, : self.c], start)
 
     def _second_order(self) -> Scan:
-        """(lambda, P) at k+1 -> at k; h = weights' gain + lambda' z_next + injected, P = h_zz + A'P A, K = h_uz + B'P A, R = h_uu + B'P B."""
+        """(lambda, P)_k+1 -> (lambda, P)_k with h = weights' gain + lambda' z_next + what is injected.
+
+        P = h_zz + A'P A, K = h_uz + B'P A, R = h_uu + B'P B.
+        """
         one, n, v = self._one, self.n, self.n + self.m
         later, (P, entries) = ca.SX.sym("lambda", self.c), symmetric("P", self.c)
         weights, g, (H, spots) = ca.SX.sym("weights", self.b), ca.SX.sym("g", v), symmetric("H", v)
