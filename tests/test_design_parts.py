@@ -105,7 +105,8 @@ CASES: dict[str, od.DesignProblem] = {
         rates={"turn_rate": 0.2},
     ),
     "clearance of the landmarks' circle, and a floor": sliding(constraints=(od.CircleClearance(0.5, 2.0),), floor=od.Floor(4.0, 0.1)),
-    "arcs": driving(path=od.DubinsPath("LSR", 1.5), rates={"turn_rate": 1.0}, floor=od.Floor(4.0, 0.1)),
+    "arcs": driving(path=od.DubinsPath("LSR", 1.5), rates={"turn_rate": 1.0}, constraints=FEEDS),
+    "arcs and a floor": driving(path=od.DubinsPath("RSL", 1.5), floor=od.Floor(4.0, 0.1)),
     "splines": driving(path=od.BSpline(6), rates={"turn_rate": 0.3, "speed": 0.5}, robust=od.Robust(PRIOR, samples=2)),
 }
 EVERY = pytest.mark.parametrize("problem", CASES.values(), ids=CASES.keys())
@@ -282,7 +283,8 @@ def random_model(seed: int) -> Model:
 
     E = np.diag([1.0, 1.0, 0.0]) if seed % 8 < 4 else np.eye(3)
     cones = [Cone(symmetric() + 9 * np.eye(3), symmetric(q), E, j, 0.0) for j in (*range(T), *range(T)[:1])]
-    cones += [Cone(symmetric() - 3 * np.eye(3), symmetric(q), np.eye(3), None, share) for share in (1.0, 0.4)]
+    hardness = random.choice([-3.0, 3.0])
+    cones += [Cone(symmetric() + hardness * np.eye(3), symmetric(q), np.eye(3), None, share) for share in (1.0, 0.4)]
     factor = random.standard_normal((q, q - 1))
     hard = 2 if kinds == 3 else 0
     return Model(
@@ -293,7 +295,7 @@ def random_model(seed: int) -> Model:
         low=-random.uniform(0.1, 0.6, q),
         high=random.uniform(0.1, 0.6, q),
         cones=tuple(cones),
-        rows=random.standard_normal(4),
+        rows=random.standard_normal(4) + hardness / 3,
         slopes=random.standard_normal((4, q)),
         hard=random.standard_normal(hard),
         hard_slopes=random.standard_normal((hard, q)),

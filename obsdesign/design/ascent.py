@@ -124,7 +124,8 @@ def _guessed(scene: Scene, values: Values, terms: Terms) -> Multipliers:
 def _adopted(other: Multipliers, own: Multipliers) -> Multipliers:
     """Another climb's multipliers, where they are as many."""
     pairs = ((other.matrices, own.matrices), (other.floors, own.floors), (other.rows, own.rows))
-    return Multipliers(*(theirs if theirs.shape == mine.shape else mine for theirs, mine in pairs), own.price)
+    matrices, floors, rows = (theirs if theirs.shape == mine.shape else mine for theirs, mine in pairs)
+    return Multipliers(matrices, floors, rows, own.price)
 
 
 # ---------------------------------------------------------------- one iteration

@@ -54,7 +54,8 @@ def families_of(path: AbstractPath) -> tuple[AbstractPath, ...]:
     found = [path]
     while (coarser := found[-1].coarser()) is not None:
         found.append(coarser)
-    return tuple(reversed([*found[:-1:2], found[-1]] if len(found) > 1 else found))
+    kept = found[::2] if len(found) > 2 else found
+    return tuple(reversed(kept))
 
 
 def climbed(task: Task) -> Climbed:
@@ -76,15 +77,15 @@ def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -
     p, warm, done = problem.path.fit(u, problem.grid), None, 0
     path = _flown(problem, p)
     rows = rows_of(problem, path.x, path.u)
-    for _ in range(_ROUNDS):
+    for last in (*(False,) * (_ROUNDS - 1), True):
         solution = climb(Program(problem, rows), aim, p, warm, task.least, Limits(tolerance=TOLERANCE if checked else _COARSE))
         done += solution.iterations
         p, warm, path = solution.p, solution.warm, _flown(problem, solution.p)
         following = _next_rows(problem, path, rows, checked) if solution.status.has_answer else None
-        if following is None:
-            return _climbed(task.name, path, solution, done, solution.status)
+        if following is None or last:
+            return _climbed(task.name, path, solution, done, solution.status if following is None else Status.ITERATION_LIMIT)
         rows = following
-    return _climbed(task.name, path, solution, done, Status.ITERATION_LIMIT)
+    raise AssertionError("the last round returns")
 
 
 def _next_rows(problem: DesignProblem, path: Trajectory, rows: Rows, checked: bool) -> Rows | None:

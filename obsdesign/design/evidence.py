@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -71,8 +72,9 @@ def _prices(problem: DesignProblem, columns: Sequence[np.ndarray]) -> np.ndarray
     Z, top = cp.Variable((n, n), PSD=True), cp.Variable()
     E = np.zeros((n, n))
     E[problem.judged_states, problem.judged_states] = 1.0
-    rows = [cp.sum(cp.multiply(W / size, Z)) <= top for W in columns]
-    cp.Problem(cp.Minimize(top), [*rows, cp.sum(cp.multiply(E, Z)) == 1]).solve(solver=cp.CLARABEL)
+    rows: list[Any] = [cp.sum(cp.multiply(W / size, Z)) <= top for W in columns]
+    fixed: Any = cp.sum(cp.multiply(E, Z)) == 1
+    cp.Problem(cp.Minimize(top), [*rows, fixed]).solve(solver=cp.CLARABEL)
     found = np.asarray(Z.value)
     values, vectors = np.linalg.eigh((found + found.T) / 2)
     found = (vectors * np.maximum(values, 0.0)) @ vectors.T

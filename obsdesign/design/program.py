@@ -8,11 +8,13 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
+from obsdesign.criteria.abstract import Knowledge
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.recursion import gramian_recursion, posterior_recursion
 from obsdesign.design.variation import Along, Injected, Linear, Variation, carried
 from obsdesign.information.sampling import sampled
+from obsdesign.model import Model
 from obsdesign.packing import lower_indices, unpacked
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.step import CACHED
@@ -71,11 +73,6 @@ class Values:
     rows: np.ndarray
     price: float
 
-    @property
-    def x(self) -> np.ndarray:
-        """States (N+1, n) of the path itself."""
-        return self.along.z[0]
-
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
@@ -111,11 +108,9 @@ class Program:
         self.problem, model = problem, problem.system.model
         self.n, self.m, self.steps = len(model.states), len(model.inputs), problem.steps
         known, step = problem.criterion.knowledge, problem.step
+        self._variation = _variation_of(model, step, known)
         self._due = sampled(problem.system, self.steps, step).astype(float)
-        if known is None:
-            self._variation = _gramian_variation(problem)
-        else:
-            self._variation = _posterior_variation(problem)
+        if known is not None:
             self._due = np.column_stack([self._due, np.arange(self.steps) == self.steps - 1])
         self.lower, self.upper = problem.path.box(problem.grid)
         self._inputs = inputs_of(problem.path, problem.grid)
@@ -331,14 +326,6 @@ def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.nd
 
 
 @lru_cache(CACHED)
-def _variation_of(model: object, step: float, known: object) -> Variation:
-    recursion = gramian_recursion(model, step) if known is None else posterior_recursion(model, step, known)  # pyright: ignore
-    return Variation(recursion, len(model.states))  # pyright: ignore
-
-
-def _gramian_variation(problem: DesignProblem) -> Variation:
-    return _variation_of(problem.system.model, problem.step, None)
-
-
-def _posterior_variation(problem: DesignProblem) -> Variation:
-    return _variation_of(problem.system.model, problem.step, problem.criterion.knowledge)
+def _variation_of(model: Model, step: float, known: Knowledge | None) -> Variation:
+    recursion = gramian_recursion(model, step) if known is None else posterior_recursion(model, step, known)
+    return Variation(recursion, len(model.states))

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
-import clarabel
+import clarabel as _untyped
 import numpy as np
 from scipy import sparse
 
+clarabel: Any = _untyped  # its stubs leave out what it has
 _ACCEPTED = ("Solved", "AlmostSolved")
 
 
@@ -111,7 +113,7 @@ def _step(model: Model, x: np.ndarray, z: np.ndarray, slack: int) -> Step:
 
 
 @lru_cache(8)
-def _settings(tolerance: float, careful: bool) -> clarabel.DefaultSettings:
+def _settings(tolerance: float, careful: bool) -> Any:  # noqa: ANN401
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_iter = 60

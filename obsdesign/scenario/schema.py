@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Union
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 import obsdesign.constraints
+import obsdesign.costs
 import obsdesign.criteria
 import obsdesign.paths
 import obsdesign.sensors
@@ -20,10 +21,12 @@ if TYPE_CHECKING:
     from obsdesign.prior import Prior
     from obsdesign.system import System
 
+COST = "cost"  # where the keys of a price's cost are kept; no key of the file
+
 # every class that a table may name under `kind`
 LEAVES = {
     kind: leaf(package, kind)
-    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints)
+    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs)
     for kind in kinds(package)
 }
 
@@ -43,7 +46,9 @@ def _family(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run t
 
 
 def _tuples(value: Any) -> Any:  # noqa: ANN401
-    return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
+    """Lists become tuples, tables pairs, as leaves keep them."""
+    items = list(value.items()) if isinstance(value, dict) else value
+    return tuple(_tuples(item) for item in items) if isinstance(items, list | tuple) else value
 
 
 class _Table(BaseModel):
@@ -51,6 +56,9 @@ class _Table(BaseModel):
 
     # built once, as part of the whole scenario, when first used
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
+
+
+Positive = Annotated[float, Field(gt=0)]
 
 
 class Time(_Table):
@@ -68,22 +76,88 @@ class Manoeuvre(_Table):
     held: dict[str, float] = {}
 
 
+class Baseline(_Table):
+    """A path to compare with: inputs held from start to end; those not named stay as near 0 as their bounds allow."""
+
+    name: str = Field(min_length=1)
+    inputs: dict[str, float]
+
+
+def _apart(table: Any) -> Any:  # noqa: ANN401
+    """The keys of the cost in a table of their own, beside what it counts for."""
+    if not isinstance(table, dict):
+        return table
+    own = {key: table[key] for key in ("per_unit", "at_most") if key in table}
+    return own | {COST: {key: value for key, value in table.items() if key not in own}}
+
+
+class _PriceTable(_Table):
+    """The criterion loses `per_unit` for every unit of a cost."""
+
+    cost: _family(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
+    per_unit: float = Field(gt=0)
+
+
+class _BudgetTable(_Table):
+    """A cost is at most `at_most`, in its unit."""
+
+    cost: _family(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
+    at_most: float = Field(gt=0)
+
+
+class FloorTable(_Table):
+    """Every stretch of the path of so many seconds knows at least `value` of every combination of states."""
+
+    seconds: float = Field(gt=0, description="length of a stretch [s]")
+    value: float = Field(gt=0, description="least lambda_min of S W S of a stretch")
+
+
+class RobustTable(_Table):
+    """Judge the path from draws of the scenario's prior about the start."""
+
+    samples: int = Field(default=16, ge=1)
+    worst: bool = Field(default=True, description="by the worst of the draws; false: by their mean")
+    seed: int = Field(default=0, ge=0)
+
+
 class DesignTable(_Table):
     """How to move: what is varied, within which limits, judged by what."""
 
     path: _family(obsdesign.paths)  # pyright: ignore[reportInvalidTypeForm]
     bounds: dict[str, tuple[float, float]]
+    rates: dict[str, Positive] = Field(default={}, description="largest change per second of an input")
     criterion: str = "min_eigenvalue"
+    about: tuple[str, ...] = Field(default=(), description="the states that are judged while the others are found as well; default: all")
     starts: int = Field(default=8, ge=1)
+    evidence: int = Field(default=0, ge=0, description="climbs that ask how much better another path might be")
+    shortest: float | None = Field(default=None, gt=0, description="the path may be as short as this [s]; default: time.duration")
     suites: tuple[tuple[str, ...], ...] = Field(default=(), description="sensor suites to report beside all sensors")
     constraints: tuple[_family(obsdesign.constraints), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
+    prices: tuple[Annotated[_PriceTable, BeforeValidator(_apart)], ...] = ()
+    budgets: tuple[Annotated[_BudgetTable, BeforeValidator(_apart)], ...] = ()
+    floor: FloorTable | None = None
+    robust: RobustTable | None = None
+
+
+def _listed(value: Any) -> Any:  # noqa: ANN401
+    return [value] if isinstance(value, str) else value
 
 
 class SelectionTable(_Table):
     """Which sensors, when."""
 
     per_segment: int = Field(default=1, ge=1)
-    naive: str | None = Field(default=None, description="the sensor that the naive schedule keeps on; default: the first")
+    naive: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+        default=(), description="the sensor, or per_segment of them, that the naive schedule keeps on; default: the first"
+    )
+
+
+class FlightTable(_Table):
+    """A flight with the filter in the loop, planned anew again and again from what it believes."""
+
+    every: float = Field(gt=0, description="time from one plan to the next [s]")
+    duration: float = Field(gt=0, description="length of the flight [s]")
+    horizon: float | None = Field(default=None, gt=0, description="length of a plan [s]; default: time.duration")
 
 
 class ValidationTable(_Table):
@@ -114,9 +188,11 @@ class Scenario(_Table):
     process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
     time: Time
     manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
+    baselines: tuple[Baseline, ...] = Field(default=(), description="paths to compare with; the first is what one would do without thinking")
     design: DesignTable
     selection: SelectionTable = Field(default_factory=SelectionTable)
     validation: ValidationTable = Field(default_factory=ValidationTable)
+    flight: FlightTable | None = None
     expected: tuple[Expected, ...] = ()
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")
     digest: str = Field(default="", description="sha256 of the file; set by load_scenario")
@@ -158,11 +234,21 @@ class Scenario(_Table):
         return tuple(self.process_noise.get(name, 0.0) ** 2 for name in self.state_names)
 
     @property
+    def naive_sensors(self) -> tuple[str, ...]:
+        """The sensors that the naive schedule keeps on."""
+        return self.selection.naive or self.sensor_names[: self.selection.per_segment]
+
+    @property
+    def shortest(self) -> float:
+        """The shortest duration of a path [s]; the longest is time.duration."""
+        return self.time.duration if self.design.shortest is None else self.design.shortest
+
+    @property
     def segments(self) -> int:
-        """K."""
+        """K of the longest path."""
         return round(self.time.duration / self.time.segment)
 
     @property
     def steps(self) -> int:
-        """N."""
+        """N of the longest path."""
         return round(self.time.duration / self.time.step)
