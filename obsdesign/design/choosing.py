@@ -86,7 +86,7 @@ def _of_draws(problem: DesignProblem, path: Trajectory, starts: np.ndarray) -> n
 def _tie_broken(problem: DesignProblem, attempt: _Attempt, cap: Cap) -> _Attempt:
     """Among the paths that reach the cap, on which it does not determine one, climb to the largest log det."""
     aim = Judged(LogDet(), problem.judged_states, of_worst=True)
-    task = Task(problem, attempt.start.name, attempt.found.u, (problem.path,), True, aim, cap.value * (1 - _AGREEMENT / 10))
+    task = Task(problem, attempt.start.name, attempt.found.u, (problem.path,), True, aim, cap.value * (1 - 0.9 * _AGREEMENT))
     found = climbed(task)
     if not found.status.has_answer or _volume(problem, found.path) <= _volume(problem, attempt.found.path):
         return attempt

@@ -71,12 +71,23 @@ def _solved(model: Model, tolerance: float, careful: bool) -> Step | None:
     lines = 2 * q + 1 + len(model.rows) + len(model.hard)
     kinds = [clarabel.NonnegativeConeT(lines), *(clarabel.PSDTriangleConeT(len(cone.A)) for cone in model.cones)]
     linear = np.concatenate([model.g, -model.weights, [model.penalty]])
-    found = clarabel.DefaultSolver(
+    solver = clarabel.DefaultSolver(
         _upper(model.B, slack + 1), linear, _stacked(dense, q, T), np.concatenate(sides), kinds, _settings(tolerance, careful)
-    ).solve()
-    if str(found.status) not in _ACCEPTED:
+    )
+    found = _run(solver)
+    if found is None or str(found.status) not in _ACCEPTED:
         return None
     return _step(model, np.array(found.x), np.array(found.z), slack)
+
+
+def _run(solver: Any) -> Any:  # noqa: ANN401
+    """Solve, or return None where Clarabel gives up by a panic of Rust, which is no Exception."""
+    try:
+        return solver.solve()
+    except BaseException as error:
+        if type(error).__name__ == "PanicException":
+            return None
+        raise
 
 
 def _rows(model: Model, slack: int) -> np.ndarray:

@@ -63,8 +63,7 @@ def fitted(rate: np.ndarray, values: np.ndarray, tau: float, grid: Grid) -> np.n
     for _ in range(_AGAIN):
         times = np.unique(np.concatenate([lattice, known]))
         starts = [np.sort(random.integers(0, len(times), len(values) - 1)) for _ in range(_STARTS)]
-        if len(known):
-            starts.append(np.searchsorted(times, known))
+        starts.append(np.searchsorted(times, known if len(known) else _hard(rate, values) * grid.step))
         table = _Table(rate, values, tau, grid, times)
         ends = {tuple(table.settled(start)) for start in starts}
         ends = sorted(ends, key=lambda e: table.squares_of(e))
@@ -76,6 +75,23 @@ def fitted(rate: np.ndarray, values: np.ndarray, tau: float, grid: Grid) -> np.n
             if least < 1e-20:
                 return best
     return best
+
+
+def _hard(rate: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Switch at nodes k_1 <= k_2 <= ... of 0..N: least squares over all such, by dynamic programming."""
+    import numpy as np
+
+    squares = np.vstack([np.zeros(len(values)), np.cumsum((rate[:, None] - values) ** 2, axis=0)])
+    best, origins = squares[:, 0], []
+    for column in squares.T[1:]:
+        ahead = best - column
+        least = np.minimum.accumulate(ahead)
+        origins.append(np.maximum.accumulate(np.where(ahead <= least, np.arange(len(ahead)), 0)))
+        best = least + column
+    nodes = [len(rate)]
+    for origin in reversed(origins):
+        nodes.append(origin[nodes[-1]])
+    return np.array(nodes[:0:-1])
 
 
 class _Table:

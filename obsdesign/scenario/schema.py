@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, Union
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 import obsdesign.constraints
 import obsdesign.costs
@@ -14,42 +13,13 @@ import obsdesign.paths
 import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.families import kinds, leaf
+from obsdesign.families import leaf
+from obsdesign.scenario.leaves import family_of, flat
 from obsdesign.sensors.abstract import distinct_names
 
 if TYPE_CHECKING:
     from obsdesign.prior import Prior
     from obsdesign.system import System
-
-COST = "cost"  # where the keys of a price's cost are kept; no key of the file
-
-# every class that a table may name under `kind`
-LEAVES = {
-    kind: leaf(package, kind)
-    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs)
-    for kind in kinds(package)
-}
-
-
-def _family(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run time
-    """Return the union of a family's leaves, told apart by the key `kind`."""
-
-    def kind_of(table: Any) -> str | None:  # noqa: ANN401
-        return table.get("kind") if isinstance(table, dict) else None
-
-    def without_kind(table: dict[str, Any]) -> dict[str, Any]:
-        return {key: _tuples(value) for key, value in table.items() if key != "kind"}
-
-    members = [Annotated[LEAVES[kind], BeforeValidator(without_kind), Tag(kind)] for kind in kinds(package)]
-    # a second, empty tag: a union of one member is no union
-    return Annotated[Union[(*members, Annotated[None, Tag("")])], Discriminator(kind_of)]
-
-
-def _tuples(value: Any) -> Any:  # noqa: ANN401
-    """Lists become tuples, tables pairs, as leaves keep them."""
-    items = list(value.items()) if isinstance(value, dict) else value
-    return tuple(_tuples(item) for item in items) if isinstance(items, list | tuple) else value
-
 
 class _Table(BaseModel):
     """A table of the file: no unknown keys, no NaN, no silent conversion."""
@@ -83,25 +53,17 @@ class Baseline(_Table):
     inputs: dict[str, float]
 
 
-def _apart(table: Any) -> Any:  # noqa: ANN401
-    """The keys of the cost in a table of their own, beside what it counts for."""
-    if not isinstance(table, dict):
-        return table
-    own = {key: table[key] for key in ("per_unit", "at_most") if key in table}
-    return own | {COST: {key: value for key, value in table.items() if key not in own}}
-
-
-class _PriceTable(_Table):
+class PriceTable(_Table):
     """The criterion loses `per_unit` for every unit of a cost."""
 
-    cost: _family(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
+    cost: family_of(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
     per_unit: float = Field(gt=0)
 
 
-class _BudgetTable(_Table):
+class BudgetTable(_Table):
     """A cost is at most `at_most`, in its unit."""
 
-    cost: _family(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
+    cost: family_of(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
     at_most: float = Field(gt=0)
 
 
@@ -123,7 +85,7 @@ class RobustTable(_Table):
 class DesignTable(_Table):
     """How to move: what is varied, within which limits, judged by what."""
 
-    path: _family(obsdesign.paths)  # pyright: ignore[reportInvalidTypeForm]
+    path: family_of(obsdesign.paths)  # pyright: ignore[reportInvalidTypeForm]
     bounds: dict[str, tuple[float, float]]
     rates: dict[str, Positive] = Field(default={}, description="largest change per second of an input")
     criterion: str = "min_eigenvalue"
@@ -132,11 +94,14 @@ class DesignTable(_Table):
     evidence: int = Field(default=0, ge=0, description="climbs that ask how much better another path might be")
     shortest: float | None = Field(default=None, gt=0, description="the path may be as short as this [s]; default: time.duration")
     suites: tuple[tuple[str, ...], ...] = Field(default=(), description="sensor suites to report beside all sensors")
-    constraints: tuple[_family(obsdesign.constraints), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
-    prices: tuple[Annotated[_PriceTable, BeforeValidator(_apart)], ...] = ()
-    budgets: tuple[Annotated[_BudgetTable, BeforeValidator(_apart)], ...] = ()
+    constraints: tuple[family_of(obsdesign.constraints), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
+    prices: tuple[Annotated[PriceTable, *flat("per_unit")], ...] = ()
+    budgets: tuple[Annotated[BudgetTable, *flat("at_most")], ...] = ()
     floor: FloorTable | None = None
     robust: RobustTable | None = None
+
+
+_NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 
 
 def _listed(value: Any) -> Any:  # noqa: ANN401
@@ -147,7 +112,7 @@ class SelectionTable(_Table):
     """Which sensors, when."""
 
     per_segment: int = Field(default=1, ge=1)
-    naive: Annotated[tuple[str, ...], BeforeValidator(_listed)] = Field(
+    naive: Annotated[tuple[str, ...], BeforeValidator(_listed), WithJsonSchema(_NAMES)] = Field(
         default=(), description="the sensor, or per_segment of them, that the naive schedule keeps on; default: the first"
     )
 
@@ -181,8 +146,8 @@ class Scenario(_Table):
     title: str
     question: str
     seed: int = Field(default=0, ge=0)
-    vehicle: _family(obsdesign.vehicles)  # pyright: ignore[reportInvalidTypeForm]
-    sensors: tuple[_family(obsdesign.sensors), ...] = Field(min_length=1)  # pyright: ignore[reportInvalidTypeForm]
+    vehicle: family_of(obsdesign.vehicles)  # pyright: ignore[reportInvalidTypeForm]
+    sensors: tuple[family_of(obsdesign.sensors), ...] = Field(min_length=1)  # pyright: ignore[reportInvalidTypeForm]
     start: dict[str, float]
     prior: dict[str, float] = Field(description="standard deviation of each state before the first measurement")
     process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
