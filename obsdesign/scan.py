@@ -74,7 +74,7 @@ class _Stretch:
     """A function repeated by CasADi over so many rows, into arrays of its own that are used again and again."""
 
     def __init__(self, function: ca.Function, length: int, indices: Sequence[np.ndarray | None]) -> None:
-        self._buffer, self._evaluate = function.mapaccum(length).buffer()
+        self._buffer, self._evaluate = _dense(function.mapaccum(length)).buffer()
         self._indices = indices
         self._carry, self._carries = np.empty(function.size1_in(0)), np.empty((length, function.size1_in(0)))
         self._made = [np.empty((length, function.size1_out(j + 1))) for j in range(len(indices))]
@@ -243,6 +243,14 @@ class Scan:
         )
         if failed:
             raise RuntimeError("a compiled loop stopped before its end")
+
+
+def _dense(repeated: ca.Function) -> ca.Function:
+    """Return a function that writes all of its results: CasADi leaves out those that are 0 for every row, and a buffer as it was."""
+    if all(repeated.sparsity_out(j).is_dense() for j in range(repeated.n_out())):
+        return repeated
+    symbols = repeated.mx_in()
+    return ca.Function(repeated.name(), symbols, [ca.densify(each) for each in repeated.call(symbols)])
 
 
 def _address(values: np.ndarray) -> int | None:

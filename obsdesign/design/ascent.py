@@ -18,6 +18,7 @@ TOLERANCE = 1e-8  # improvement that a model must promise, in units of the merit
 _RADIUS, _LARGEST, _SMALLEST = 0.3, 1.0, 1e-9  # of the trust region, in widths of the box
 _PENALTY, _HIGHEST, _RELAXED = 1.0, 1e6, 6
 _SETTLED, _BROKEN = 1e-6, 1e-6
+_COLLAPSED, _STATIONARY = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +99,7 @@ def climb(
         moved = _moved(scene, state, limits.tolerance)
         state = moved.state
         if not moved.better:
-            status = _verdict(moved, limits.tolerance)
+            status = _verdict(scene, moved, limits.tolerance)
             break
         state = _recounted(scene, state)
     return _solution(scene, state, status, done)
@@ -145,7 +146,10 @@ def _moved(scene: Scene, state: _State, tolerance: float) -> _Moved:
         state, local = replace(state, place=place, terms=terms, multipliers=priced(local, found, terms)), replace(local, place=place)
         promised, ever = place.merit - found.promised, True
         if promised <= tolerance * max(1.0, abs(place.merit)):
-            break
+            escaped = _escaped(local, terms, state.radius, tolerance)
+            if escaped is None:
+                break
+            return _Moved(replace(state, place=escaped, held=found.step.bounds > _SETTLED), True, promised, True)
         reached = _best(local, found, terms, state.radius, promised)
         gained, length = place.merit - reached.merit, float(np.max(np.abs(found.d) / scene.width))
         if gained > 0.05 * promised:
@@ -189,6 +193,19 @@ def _best(local: Local, found: Solved, terms: Terms, radius: float, promised: fl
     return reached
 
 
+def _escaped(local: Local, terms: Terms, radius: float, tolerance: float) -> Place | None:
+    """Return a better place along the most negative curvature, where slopes promise nothing: a saddle is no optimum."""
+    if local.downhill is None:
+        return None
+    scene, place = local.scene, local.place
+    for share in (1.0, 0.25, 0.05):
+        tries = [scene.at(place.values.p + side * share * radius * local.downhill, terms) for side in (1, -1)]
+        best = min(tries, key=_merit)
+        if place.merit - best.merit > 10 * tolerance * max(1.0, abs(place.merit)):
+            return best
+    return None
+
+
 def _merit(place: Place) -> float:
     return place.merit
 
@@ -217,10 +234,12 @@ def _recounted(scene: Scene, state: _State) -> _State:
 # ---------------------------------------------------------------- the end
 
 
-def _verdict(moved: _Moved, tolerance: float) -> Status:
+def _verdict(scene: Scene, moved: _Moved, tolerance: float) -> Status:
     """Say what it means that nothing better is near."""
     place = moved.state.place
-    settled = moved.solved and moved.promised <= max(_SETTLED, tolerance) * max(1.0, abs(place.merit))
+    # a promise is worth little where the region has shrunk: the slopes must say so too
+    level = moved.state.radius > _COLLAPSED or _residual(scene, moved.state) <= _STATIONARY
+    settled = moved.solved and level and moved.promised <= max(_SETTLED, tolerance) * max(1.0, abs(place.merit))
     if place.violation > max(_BROKEN, 10 * tolerance):
         return Status.LOCALLY_INFEASIBLE if settled or moved.state.terms.penalty >= _HIGHEST else Status.NUMERICAL_ERROR
     return Status.LOCALLY_OPTIMAL if settled else Status.NUMERICAL_ERROR

@@ -75,8 +75,7 @@ def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -
     """Climb until the rows stay what they are and nothing falls short between the nodes."""
     aim = aim_of(problem) if task.aim is None else task.aim
     p, warm, done = problem.path.fit(u, problem.grid), None, 0
-    path = _flown(problem, p)
-    rows = rows_of(problem, path.x, path.u)
+    rows = rows_of(problem)
     for last in (*(False,) * (_ROUNDS - 1), True):
         solution = climb(Program(problem, rows), aim, p, warm, task.least, Limits(tolerance=TOLERANCE if checked else _COARSE))
         done += solution.iterations

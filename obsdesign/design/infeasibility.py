@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +16,9 @@ from obsdesign.design.aim import nothing
 from obsdesign.design.climbing import Climbed, Task, climbed
 from obsdesign.design.limits import Shortfall, is_feasible, shortfalls
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.starts import shortest_inputs
+from obsdesign.design.starts import shortest_inputs, shortest_time
 
-_LONGER, _WIDER = 4.0, 4.0  # durations and bounds up to so many times what is asked are tried as a relaxation
+_FACTORS = (1.2, 1.5, 2.0, 3.0, 4.0)  # durations and bounds so many times what is asked are tried as a relaxation
 _HALVINGS = 6
 
 
@@ -127,53 +127,64 @@ def _wider_bounds(problem: DesignProblem, nearest: Climbed) -> str:
         wide = {name: (float(c - h), float(c + h)) for name, c, h in zip(names, centre, half, strict=True)}
         return replace(problem, bounds=wide)
 
-    factor, path = _least(with_bounds, 1.0, _WIDER, nearest.u, 1e-2)
-    if factor is None or path is None:
+    found = _least(with_bounds, _FACTORS, nearest.u, 1e-2)
+    if found is None:
         return ""
+    path = found.reached.path
     beyond = np.maximum(path.u - problem.upper, problem.lower - path.u)
     k, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
     signal = problem.system.model.inputs[int(j)]
-    name = signal.name.replace("_", " ")
-    return f"feasible with {name} at {path.path.t[k]:.4g} s exceeded by {beyond[k, j]:.2g} {signal.unit}".rstrip()
+    return f"feasible with {signal.name.replace('_', ' ')} at {path.t[k]:.4g} s exceeded by {beyond[k, j]:.2g} {signal.unit}".rstrip()
 
 
 def _longer(problem: DesignProblem, nearest: Climbed) -> str:
     """Say from which duration on a path was found; "" if none was."""
-    spans = [constraint.span for constraint in problem.constraints]
-    if not any(span.last is None for span in spans):
+    if all(constraint.span.last is not None for constraint in problem.constraints):
         return ""
 
     def lasting(factor: float) -> DesignProblem:
         return problem.lasting(max(1, round(factor * problem.longest / problem.step)) * problem.step)
 
-    factor, _ = _least(lasting, 1.0, _LONGER, nearest.u, problem.step / problem.longest)
-    return "" if factor is None else f"feasible from {lasting(factor).longest:.4g} s"
+    soonest = shortest_time(problem)
+    first = () if soonest is None or soonest <= problem.longest else ((soonest + problem.step) / problem.longest,)
+    found = _least(lasting, tuple(sorted({*first, *_FACTORS})), nearest.u, problem.step / problem.longest)
+    return "" if found is None else f"feasible from {lasting(found.factor).longest:.4g} s"
 
 
-def _least(make, low: float, high: float, u: np.ndarray, width: float):  # noqa: ANN001, ANN202
-    """Return the least factor in [low, high] at which a path was found, by bisection, and that path; None where none was."""
-    best = None
-    reached = _tried(make(high), u)
-    if reached is None:
-        return None, None
-    best = reached
+@dataclass(frozen=True, eq=False)
+class _Relaxed:
+    """The least factor at which a path was found, and that path."""
+
+    factor: float
+    reached: Climbed
+
+
+def _least(make: Callable[[float], DesignProblem], factors: Sequence[float], u: np.ndarray, width: float) -> _Relaxed | None:
+    """Try growing factors until a path is found, then bisect between the last that failed and the first that did not."""
+    low = 1.0
+    for factor in factors:
+        reached = _tried(make(factor), u)
+        if reached is not None:
+            return _bisected(make, low, _Relaxed(factor, reached), width)
+        low = factor
+    return None
+
+
+def _bisected(make: Callable[[float], DesignProblem], low: float, found: _Relaxed, width: float) -> _Relaxed:
     for _ in range(_HALVINGS):
-        if high - low <= width:
+        if found.factor - low <= width:
             break
-        middle = (low + high) / 2
-        reached = _tried(make(middle), best.u)
-        if reached is None:
-            low = middle
-        else:
-            high, best = middle, reached
-    return high, best
+        middle = (low + found.factor) / 2
+        reached = _tried(make(middle), found.reached.u)
+        low, found = (middle, found) if reached is None else (low, _Relaxed(middle, reached))
+    return found
 
 
 def _tried(problem: DesignProblem, u: np.ndarray) -> Climbed | None:
-    starts = [u[np.minimum(np.arange(problem.steps) * len(u) // problem.steps, len(u) - 1)]]
+    """Return a path that meets all limits, from inputs u stretched, or from the shortest way; None where neither led to one."""
     shortest = shortest_inputs(problem)
-    starts += [] if shortest is None else [shortest]
-    for each in starts:
+    stretched = u[np.minimum(np.arange(problem.steps) * len(u) // problem.steps, len(u) - 1)]
+    for each in [stretched, *([] if shortest is None else [shortest])]:
         reached = _to_limits(problem, each)
         if is_feasible(problem, reached.path):
             return reached

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.program import Rows
+from obsdesign.design.program import Choice, Rows
 from obsdesign.information.windows import sliding_information
 from obsdesign.simulation import simulate
 from obsdesign.trajectory import Trajectory
@@ -49,34 +49,39 @@ def nodes_within(constraint: AbstractConstraint, steps: int, step: float) -> np.
     return inside if inside.size else np.array([min(steps, round(first / step))])
 
 
-def rows_of(problem: DesignProblem, x: np.ndarray, u: np.ndarray) -> Rows:
-    """Return which margins must hold at which nodes; what must hold once only, where it holds best along the states x (N+1, n)."""
+def rows_of(problem: DesignProblem) -> Rows:
+    """Return which margins must hold at which nodes."""
     if not problem.constraints:
         return Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))
     functions = nodes_of(problem.system.model, problem.constraints, ())
-    values = functions.values(x, np.vstack([u, u[-1:]]))
     owner, of_inputs = np.array(functions.owner), np.array(functions.of_inputs)
-    nodes, margins = [], []
+    nodes, margins, choices, count = [], [], [], 0
     for i, constraint in enumerate(problem.constraints):
         mine = np.flatnonzero(owner == i)
         within = nodes_within(constraint, problem.steps, problem.step)
         if constraint.span.anywhere:
-            within = within[[int(values[np.ix_(within, mine)].min(axis=1).argmax())]]
+            choices.append(Choice(count + np.arange(len(mine)), within))
+            nodes.append(np.full(len(mine), within[-1]))
+            margins.append(mine)
+            count += len(mine)
+            continue
         for margin in mine:
             # the start is given: nothing can be done about it there, unless the inputs matter
             kept = within if of_inputs[margin] else within[within > 0]
             nodes.append(kept)
             margins.append(np.full(len(kept), margin))
+            count += len(kept)
     node, margin = np.concatenate(nodes), np.concatenate(margins)
-    return Rows(node, margin, np.zeros(len(node)))
+    return Rows(node, margin, np.zeros(len(node)), tuple(choices))
 
 
 def node_margins(problem: DesignProblem, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return the margins that must hold at the nodes of states x (N+1, n) with inputs u (N, m)."""
     if not problem.constraints:
         return np.zeros(0)
-    rows = rows_of(problem, x, u)
-    return nodes_of(problem.system.model, problem.constraints, ()).values(x, np.vstack([u, u[-1:]]))[rows.node, rows.margin]
+    rows = rows_of(problem)
+    values = nodes_of(problem.system.model, problem.constraints, ()).values(x, np.vstack([u, u[-1:]]))
+    return values[rows.placed(values), rows.margin]
 
 
 def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:
@@ -104,7 +109,7 @@ def tightened(problem: DesignProblem, path: Trajectory, rows: Rows) -> Rows | No
                 if near.any():
                     allowance[near] = np.maximum(allowance[near], rows.allowance[near] + 1.1 * short[k, margin])
                     found = True
-    return Rows(rows.node, rows.margin, allowance) if found else None
+    return replace(rows, allowance=allowance) if found else None
 
 
 def shortfalls(problem: DesignProblem, path: Trajectory) -> tuple[Shortfall, ...]:

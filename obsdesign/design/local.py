@@ -17,13 +17,15 @@ _NEAR = 0.3  # margins below this are in every model; others when a model's solu
 _ACTIVE = 1e-6  # multipliers above this are of something active
 _TIGHT = 10.0  # weight of active normals in what is made convex, in units of the largest curvature
 _ACCURACY = 1e-9  # of Clarabel
+_BENT = 1e-6  # share of the largest curvature below which one is not negative
 
 
 @dataclass(frozen=True, eq=False)
 class Local:
     """A place with its slopes, the Hessian H (q, q) of the Lagrangian, and B, what of it is convex.
 
-    hard + hard_slopes d - t >= 0: the numbers of several matrices, the least of which counts.
+    hard + hard_slopes d - t >= 0: the numbers of several matrices, the least of which counts. downhill (q,): where curvature is most
+    negative, one width of the box long; None where it nowhere is.
     """
 
     scene: Scene
@@ -35,6 +37,7 @@ class Local:
     g: np.ndarray
     hard: np.ndarray
     hard_slopes: np.ndarray
+    downhill: np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +69,9 @@ def local_at(scene: Scene, place: Place, multipliers: Multipliers, held: np.ndar
         else:
             g = g - weights @ towards
     width = scene.width
-    B = _convex(H * np.outer(width, width), _normals(aim, slopes, multipliers, held, width)) / np.outer(width, width)
-    return Local(scene, place, slopes, scene.floor_slopes(slopes), H, B, g, hard, hard_slopes)
+    B, downhill = _convex(H * np.outer(width, width), _normals(aim, slopes, multipliers, held, width))
+    downhill = None if downhill is None else downhill * width
+    return Local(scene, place, slopes, scene.floor_slopes(slopes), H, B / np.outer(width, width), g, hard, hard_slopes, downhill)
 
 
 def solved(local: Local, terms: Terms, radius: float) -> Solved | None:
@@ -236,12 +240,13 @@ def _equal_eigenvalues(Z: np.ndarray, D: np.ndarray) -> np.ndarray:
     return np.vstack([R[:, upper[0], upper[1]].T, (R[:, np.arange(1, k), np.arange(1, k)] - R[:, :1, 0]).T])
 
 
-def _convex(H: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Return H with the negative curvature taken out that is not along the normals (k, q)."""
+def _convex(H: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return H without the negative curvature that is not along the normals (k, q), and the direction (q,) of most of that, if any."""
     size = float(np.abs(H).max(initial=0.0))
     if not size > 0:
-        return 1e-8 * np.eye(len(H))
+        return 1e-8 * np.eye(len(H)), None
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     along = normals / np.where(lengths > 0, lengths, 1.0)
     values, vectors = np.linalg.eigh(H + _TIGHT * size * along.T @ along)
-    return (vectors * np.maximum(values, 1e-7 * size)) @ vectors.T
+    downhill = vectors[:, 0] if values[0] < -_BENT * size else None
+    return (vectors * np.maximum(values, 1e-7 * size)) @ vectors.T, downhill

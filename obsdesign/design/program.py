@@ -50,20 +50,36 @@ def inputs_of(path: AbstractPath, grid: Grid) -> Inputs:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
-    """Which margins must hold at which nodes, and by how much more than 0: node, margin and allowance (r,).
+class Choice:
+    """Rows that must hold together at one node only, any of `nodes`: they are taken where they hold best."""
 
-    anywhere: one tuple of (node, margin) pairs per limit that must hold at one of its instants only.
-    """
+    rows: np.ndarray
+    nodes: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Which margins must hold at which nodes, and by how much more than 0: node, margin and allowance (r,)."""
 
     node: np.ndarray
     margin: np.ndarray
     allowance: np.ndarray
+    choices: tuple[Choice, ...] = ()
+
+    def placed(self, margins: np.ndarray) -> np.ndarray:
+        """Return the node (r,) of every row for margins (N+1, .) at all nodes."""
+        if not self.choices:
+            return self.node
+        node = self.node.copy()
+        for choice in self.choices:
+            least = margins[np.ix_(choice.nodes, self.margin[choice.rows])].min(axis=1)
+            node[choice.rows] = choice.nodes[int(least.argmax())]
+        return node
 
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0, price."""
+    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0 at node, price."""
 
     p: np.ndarray
     along: Along
@@ -72,6 +88,7 @@ class Values:
     floors: np.ndarray
     rows: np.ndarray
     price: float
+    node: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +164,11 @@ class Program:
         totals = self._node_values(along)
         price = float(self._per_unit @ totals[1][: len(self._per_unit)])
         budgets = 1 - totals[1][len(self._per_unit) :] / self._most
-        chosen = totals[0][self.rows.node, self.rows.margin] - self.rows.allowance if len(self.rows.node) else np.zeros(0)
+        node = self.rows.placed(totals[0])
+        chosen = totals[0][node, self.rows.margin] - self.rows.allowance if len(node) else np.zeros(0)
         rows = np.concatenate([chosen, budgets, self._rate_rows(p)[0]])
         matrices = (unpacked(sums[self.judged], self.n) + np.asarray(self.problem.known)) * self._frame
-        return Values(p, along, windows, matrices, floors, rows, price)
+        return Values(p, along, windows, matrices, floors, rows, price, node)
 
     def margins(self, values: Values) -> np.ndarray:
         """Return all margins (N+1, r) of the constraints at all nodes."""
@@ -222,7 +240,7 @@ class Program:
         both = self._nodes.slopes(x, u)
         count, n = self._nodes.margins, self.n
         ends = np.vstack([M, M[-1:]])
-        node, margin = self.rows.node, self.rows.margin
+        node, margin = values.node, self.rows.margin
         at_rows = both[node, margin]
         rows = np.matmul(at_rows[:, None, :n], G[0, node, :n])[:, 0]
         if np.any(at_rows[:, n:]):
@@ -239,13 +257,13 @@ class Program:
     def curvature(self, values: Values, slopes: Slopes, multipliers: Multipliers) -> np.ndarray:
         """Return the Hessian (q, q) of the Lagrangian: price - sum <Z, matrix> - sum <Z, floor> - z'rows, weighted."""
         injected = self._injected(values, multipliers)
-        H = self._window_bends(values, slopes, multipliers, injected)
+        H, pushed = self._window_bends(values, slopes, multipliers, injected)
         weights = np.zeros((len(self._starts), self._variation.b))
         weights[self.judged] = self._weights(multipliers.matrices)
         second = self._variation.second(values.along, weights, injected)
         H += _folded(second.K, second.R, slopes.G[:, :-1], slopes.M)
         if not self._inputs.is_linear:
-            H += self._inputs.bend(values.p, second.slope.sum(axis=0).ravel()).full()
+            H += self._inputs.bend(values.p, (second.slope.sum(axis=0) + pushed).ravel()).full()
         return (H + H.T) / 2
 
     def _weights(self, Z: np.ndarray) -> np.ndarray:
@@ -259,7 +277,7 @@ class Program:
         if self._nodes is not None:
             count, rows = self._nodes.margins, len(self.rows.node)
             weights = np.zeros((self.steps + 1, len(self._nodes.owner)))
-            np.add.at(weights, (self.rows.node, self.rows.margin), -multipliers.rows[:rows])
+            np.add.at(weights, (values.node, self.rows.margin), -multipliers.rows[:rows])
             budgets = multipliers.rows[rows : rows + len(self._most)]
             weights[:-1, count:] = self.problem.step * np.concatenate([multipliers.price * self._per_unit, budgets / self._most])
             wanted = np.flatnonzero(weights.any(axis=1))
@@ -304,17 +322,18 @@ class Program:
         moved = carried(linear, first, M[self._window_steps])
         return moved, self._summed(linear, moved)
 
-    def _window_bends(self, values: Values, slopes: Slopes, multipliers: Multipliers, injected: Injected) -> np.ndarray:
-        """Return what the windows' own inputs add to the Hessian; what their first states add is injected into the path."""
-        H = np.zeros((self.q, self.q))
+    def _window_bends(self, values: Values, slopes: Slopes, multipliers: Multipliers, injected: Injected) -> tuple[np.ndarray, np.ndarray]:
+        """Return what the windows' own inputs add to the Hessian, and their slopes (N, m); their first states' part is injected."""
+        pushed = np.zeros((self.steps, self.m))
         if values.windows is None or slopes.windows is None:
-            return H
+            return np.zeros((self.q, self.q)), pushed
         second = self._variation.second(values.windows, self._weights(multipliers.floors), None)
         n = self.n
         for i, first in enumerate(self._first_of_window):
             injected.g[0, first, :n] += second.first[i, :n]
             injected.H[0, first, :n, :n] += second.start[i, :n, :n]
-        return H + _folded(second.K, second.R, slopes.windows[:, :-1], slopes.M[self._window_steps])
+            pushed[self._window_steps[i]] += second.slope[i]
+        return _folded(second.K, second.R, slopes.windows[:, :-1], slopes.M[self._window_steps]), pushed
 
 
 def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.ndarray:

@@ -38,11 +38,24 @@ def shortest_inputs(problem: DesignProblem) -> np.ndarray | None:
 
     Constant wind is known from the start state; with via points and wind the way is the one in still air.
     """
-    vehicle, goal = getattr(problem.system, "vehicle", None), _goal_of(problem)
-    if not isinstance(vehicle, Dubins) or goal is None:
+    way = _shortest_way(problem)
+    if way is None:
         return None
+    curve, speed = way
+    return np.clip(curve.turn_rates(speed, np.arange(problem.steps + 1) * problem.step), problem.lower[0], problem.upper[0])[:, None]
+
+
+def shortest_time(problem: DesignProblem) -> float | None:
+    """Return the time [s] of that way, or None without."""
+    way = _shortest_way(problem)
+    return None if way is None else way[0].length / way[1]
+
+
+def _shortest_way(problem: DesignProblem) -> tuple[Curve, float] | None:
+    """The curve and the airspeed."""
+    vehicle, goal = getattr(problem.system, "vehicle", None), _goal_of(problem)
     sharpest = min(-problem.lower[0], problem.upper[0])
-    if sharpest <= 0:
+    if not isinstance(vehicle, Dubins) or goal is None or sharpest <= 0:
         return None
     radius, points = vehicle.speed / sharpest, [each.point for each in problem.constraints if isinstance(each, Via)]
     start = problem.x0[:3]
@@ -50,12 +63,12 @@ def shortest_inputs(problem: DesignProblem) -> np.ndarray | None:
     try:
         if points:
             parts = shortest_through(start, points, goal, radius=radius)
-            way = Curve("".join(part.word for part in parts), tuple(length for part in parts for length in part.lengths), radius)
-        else:
-            way = intercept(start, goal, wind, vehicle.speed, radius)
+            return Curve(
+                "".join(part.word for part in parts), tuple(length for part in parts for length in part.lengths), radius
+            ), vehicle.speed
+        return intercept(start, goal, wind, vehicle.speed, radius), vehicle.speed
     except InputError:
         return None  # blown away: the other starts will have to find a way
-    return np.clip(way.turn_rates(vehicle.speed, np.arange(problem.steps + 1) * problem.step), problem.lower[0], problem.upper[0])[:, None]
 
 
 def _goal_of(problem: DesignProblem) -> tuple[float, ...] | None:

@@ -85,7 +85,7 @@ class Variation:
 
     def second(self, along: Along, weights: np.ndarray, injected: Injected | None) -> Second:
         """Return second derivatives of sum_k weights' gain_k, weights (M, b), plus what is injected at the nodes."""
-        runs, steps, v = *along.u.shape[:2], self.n + self.m
+        runs, steps, n, v = *along.u.shape[:2], self.n, self.n + self.m
         g, H = (np.zeros((runs, steps + 1, v)), np.zeros((runs, steps + 1, v, v))) if injected is None else (injected.g, injected.H)
         lower = np.triu_indices(v)
         rows = [
@@ -101,11 +101,23 @@ class Variation:
         inner = np.triu_indices(self.c)
         end = np.hstack([g[:, -1, : self.n], np.zeros((runs, self.c - self.n)), state[:, inner[1], inner[0]]])
         run = self._backward.run(end, rows, steps, carries=False)
+        shape = (runs, steps)
         K, R, slope = (values[:, ::-1] for values in run.results)
+        K, R, slope = K.reshape(*shape, self.m, self.c).copy(), R.reshape(*shape, self.m, self.m).copy(), slope.copy()
+        if g[:, -1, n:].any() or H[:, -1, n:].any():
+            self._add_last(along, g[:, -1], H[:, -1], (K[:, -1], R[:, -1], slope[:, -1]))
         start = np.zeros((runs, self.c, self.c))
         start[:, inner[1], inner[0]] = start[:, inner[0], inner[1]] = run.carry[:, self.c :]
-        shape = (runs, steps)
-        return Second(K.reshape(*shape, self.m, self.c), R.reshape(*shape, self.m, self.m), slope, run.carry[:, : self.c], start)
+        return Second(K, R, slope, run.carry[:, : self.c], start)
+
+    def _add_last(self, along: Along, g: np.ndarray, H: np.ndarray, into: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+        """Add what depends on the last inputs at the last node, where dx_N = A dz_N-1 + B du_N-1, to K, R and slope of the last step."""
+        n, (K, R, slope) = self.n, into
+        last = self.linear(Along(along.z[:, -2:], along.u[:, -1:], along.due[..., -1:, :]))
+        A, B, cross = last.A[:, 0, :n], last.B[:, 0, :n], H[:, n:, :n]
+        K += cross @ A
+        R += H[:, n:, n:] + cross @ B + (cross @ B).swapaxes(1, 2)
+        slope += g[:, n:]
 
     def _second_order(self) -> Scan:
         """(lambda, P)_k+1 -> (lambda, P)_k with h = weights' gain + lambda' z_next + what is injected.

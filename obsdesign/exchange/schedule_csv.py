@@ -9,11 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 
 
-def schedule_csv(chosen: np.ndarray, sensors: Sequence[str], segment: float) -> str:
-    """Return the schedule (K, S) of the named sensors; segment: its length [s]."""
+def schedule_csv(chosen: np.ndarray, sensors: Sequence[str], times: np.ndarray) -> str:
+    """Return the schedule (K, S) of the named sensors; times (K+1,) [s]: where its segments begin and end."""
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(["segment", "from [s]", "to [s]", *sensors])
     for k, row in enumerate(chosen.astype(int).tolist()):
-        writer.writerow([k, k * segment, (k + 1) * segment, *row])
+        writer.writerow([k, float(times[k]), float(times[k + 1]), *row])
     return table.getvalue()

@@ -149,11 +149,14 @@ def _refined(durations: np.ndarray, rate: np.ndarray, values: np.ndarray, tau: f
     missed = _level(durations, values, tau, grid) - rate
     for _ in range(_ROUNDS):
         J = _slopes(durations, values, tau, grid)
-        weight = np.sqrt(damping) * np.abs(values).max() / np.sqrt(tau * (tau + grid.step))
-        A = np.vstack([J, weight * np.eye(len(durations))])
+        A = np.vstack([J, np.diag(np.sqrt(damping) * (np.linalg.norm(J, axis=0) + 1e-12))])
         b = np.concatenate([-missed, np.zeros(len(durations))])
         step = lsq_linear(A, b, (-durations, grid.duration - durations + 1e-300), method="bvls").x
-        tried = np.clip(durations + step, 0, grid.duration)
+        before = np.cumsum(durations)
+        moved = np.cumsum(step)
+        # behind the end, means fall with exp(-s / tau): the linear step is taken in that
+        moved = np.where(before > grid.duration, -tau * np.log1p(-np.minimum(moved / tau, 0.99)), moved)
+        tried = np.clip(np.diff(before + moved, prepend=0.0), 0, grid.duration)
         then = _level(tried, values, tau, grid) - rate
         if then @ then < missed @ missed:
             durations, missed, damping = tried, then, damping / 10

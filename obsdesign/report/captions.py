@@ -7,6 +7,7 @@ import numpy as np
 from obsdesign.report import facts
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
 from obsdesign.report.figures.rivals import rival_values
+from obsdesign.report.naming import path_in_words
 from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
 from obsdesign.study import Study
 
@@ -32,22 +33,22 @@ def on_the_spectrum(study: Study) -> str:
 
 
 def on_the_eigenvectors(study: Study) -> str:
-    """Say how the panels are read, and what the first column of the straight path hides."""
-    quality = study.candidate(facts.STRAIGHT).qualities[-1]
+    """Say how the panels are read, and what the first column of the baseline hides."""
+    quality = study.candidate(study.baseline).qualities[-1]
     parts = [study.scenario.state_names[i] for i in np.argsort(-np.abs(quality.weakest)) if abs(quality.weakest[i]) >= MENTIONED]
     who = facts.sensors_in_words(study, quality.sensors)
     known = "hidden from" if facts.cleaned(quality)[0] == 0 else "known least to"
     mixture = f"{parts[0]} alone" if len(parts) == 1 else f"{parts[0]} against {' and '.join(parts[1:])}"
     return (
         "Each column is a combination of scaled states, its squares adding up to 1, that is known as well as the number below it says. "
-        f"Flying straight, {mixture} is what is {known} {who}."
+        f"On {path_in_words(study.baseline)}, {mixture} is what is {known} {who}."
     )
 
 
 def on_the_inputs(study: Study) -> str:
     """Say what the input histories show."""
     between = "between" if len(study.scenario.design.bounds) == 1 else "each between"
-    return f"What is asked of the vehicle, {between} its dotted bounds; flying straight is the constant input that is left out here."
+    return f"What is asked of the vehicle, {between} its dotted bounds; the straight path, inputs as near 0 as they allow, is left out."
 
 
 def on_the_raster(study: Study) -> str:
@@ -104,14 +105,14 @@ def glossary(study: Study) -> tuple[tuple[str, str], ...]:
         (
             "Cramér-Rao bound",
             "smallest standard deviation that an unbiased estimate can have: in the table of paths of the start state, without prior and "
-            "gusts; for the filter of the state at that time, with both.",
+            "process noise; for the filter of the state at that time, with both.",
         ),
         ("cap", "smallest eigenvalue of a block of S W S that no path changes; no path exceeds it."),
         (
             "bound and gap",
             "λmin of every schedule is below the bound, which follows from one matrix by a closed formula; gap = 1 − value / bound.",
         ),
-        ("RMSE", "root mean square error over the filter runs, each with its own gusts, noise and first estimate."),
+        ("RMSE", "root mean square error over the filter runs, each with its own process noise, measurement noise and first estimate."),
         (
             "NEES",
             "normalised estimation error squared, e′P⁻¹e, averaged over the runs: for an honest filter the number of states on average.",

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.limits import Shortfall, shortfalls
 from obsdesign.design.record import Cap
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.record import standard_deviations
-from obsdesign.report.rounding import NARROW, rounded
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
-from obsdesign.study import CHOSEN, DESIGNED, STRAIGHT, Analysis, Candidate, Check, Quality, Study
+from obsdesign.study import CHOSEN, DESIGNED, Analysis, Check, Quality, Study, every_step
 from obsdesign.validation import SETTLED, active_steps
 
 
@@ -61,15 +59,24 @@ def cleaned(quality: Quality) -> np.ndarray:
 
 def value_of(study: Study, quality: Quality) -> float:
     """Return the criterion, as if a smallest eigenvalue that is round-off were 0."""
-    smallest = float(cleaned(quality)[0])
     if judged_by_eigenvalue(study):
-        return smallest
-    return quality.value if smallest > 0 else float("-inf")
+        return quality.value if quality.value > numerical_zero(quality.eigenvalues) else 0.0
+    return quality.value if cleaned(quality)[0] > 0 or study.scenario.design.about else float("-inf")
 
 
 def judged_by_eigenvalue(study: Study) -> bool:
     """Whether the criterion of the design is the smallest eigenvalue."""
     return study.scenario.design.criterion == "min_eigenvalue"
+
+
+def judges_all(study: Study) -> bool:
+    """Whether the criterion is about every state, so that a smallest eigenvalue of S W S is what it counts."""
+    return not study.scenario.design.about
+
+
+def segment_nodes(study: Study) -> np.ndarray:
+    """Times (K+1,) [s] between which the designed path has its K segments."""
+    return study.designed.path.t[study.designed.nodes]
 
 
 def cap_for(study: Study, sensors: tuple[str, ...]) -> Cap | None:
@@ -85,13 +92,13 @@ def outside_share(study: Study, quality: Quality, cap: Cap) -> float:
 
 def segment_shares(study: Study) -> np.ndarray:
     """v' W_k v / lambda_min (K,): what each segment of the designed path adds in its weakest direction v, all sensors on."""
-    return study.candidate(DESIGNED).contributions.weakest_shares.sum(axis=1)
+    return study.designed.contributions.weakest_shares.sum(axis=1)
 
 
 def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
-    scenario, path = study.scenario, study.candidate(DESIGNED).path
-    active = active_steps(scenario.system, path, study.selection.schedule)
+    scenario, path = study.scenario, study.designed.path
+    active = active_steps(scenario.system, path, every_step(study.selection.schedule.chosen, study.designed.nodes))
     J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
     place = study.designs[0].problem.position
     return np.linalg.inv(J)[np.ix_(range(len(J)), place, place)]
@@ -99,32 +106,31 @@ def position_covariances(study: Study) -> np.ndarray:
 
 def hidden_under(study: Study, check: Check) -> tuple[str, ...]:
     """Names of the states that the samples of a schedule along a path do not determine, without prior."""
-    blocks = study.candidate(check.path).information.by_segment(len(check.chosen))
-    std = standard_deviations(information_of(blocks, check.chosen))
+    std = standard_deviations(information_of(study.candidate(check.path).blocks, check.chosen))
     return tuple(name for name, deviation in zip(study.scenario.state_names, std, strict=True) if np.isinf(deviation))
 
 
 def sensors_on(study: Study, chosen: np.ndarray) -> dict[str, float]:
     """Seconds for which a schedule (K, S) has each sensor on, longest first, those never on left out."""
-    seconds = study.scenario.time.duration / len(chosen) * chosen.sum(axis=0)
+    seconds = np.diff(segment_nodes(study)) @ chosen
     order = np.argsort(-seconds, kind="stable")
     return {study.scenario.sensor_names[i]: float(seconds[i]) for i in order if seconds[i] > 0}
 
 
 def final_changes(study: Study) -> tuple[Change, ...]:
-    """Compare the final RMSE per state on the designed path, chosen schedule, with the baseline's: straight, naive."""
+    """Compare the final RMSE per state on the designed path, chosen schedule, with the baseline's."""
     ours, theirs = study.check(DESIGNED, CHOSEN).validation.rmse[-1], baseline(study).validation.rmse[-1]
     return tuple(Change(signal, float(a), float(b)) for signal, a, b in zip(states_of(study), ours, theirs, strict=True))
 
 
 def baseline(study: Study) -> Check:
-    """The filter runs on the straight path with the naive schedule."""
-    return next(check for check in study.checks if check.path == STRAIGHT and check.schedule != CHOSEN)
+    """The filter runs on the path that one would take without thinking, with the naive schedule."""
+    return next(check for check in study.checks if check.path == study.baseline and check.schedule != CHOSEN)
 
 
 def settled_after(study: Study) -> float:
     """Time [s] after which consistency is judged."""
-    return SETTLED * study.scenario.time.duration
+    return SETTLED * study.designed.duration
 
 
 def peak(check: Check) -> tuple[float, float]:
@@ -136,14 +142,3 @@ def peak(check: Check) -> tuple[float, float]:
 def incomplete(study: Study, sensors: tuple[str, ...]) -> tuple[Analysis, ...]:
     """The manoeuvres in which a suite does not see the whole state."""
     return tuple(each for each in study.analyses if set(each.sensors) == set(sensors) and not each.verdict.observable)
-
-
-def violations(study: Study, candidate: Candidate) -> tuple[str, ...]:
-    """Say which limits a path breaks, and by how much, worst first."""
-    return tuple(_in_words(short) for short in shortfalls(study.designs[0].problem, candidate.path))
-
-
-def _in_words(short: Shortfall) -> str:
-    unit = f"{NARROW}{short.unit}" if short.unit else ""
-    what = short.what.split(":")[0]
-    return f"misses the {what.lower()} by {rounded(short.by)}{unit}" if short.margin < 0 else what

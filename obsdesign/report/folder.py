@@ -9,9 +9,10 @@ from pathlib import Path
 from obsdesign.errors import InputError
 from obsdesign.exchange.schedule_csv import schedule_csv
 from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.facts import segment_nodes
 from obsdesign.report.page import page_of
 from obsdesign.report.result import Result, result_of
-from obsdesign.study import DESIGNED, Study
+from obsdesign.study import Study
 
 
 def write_report(folder: str | Path, study: Study) -> Result:
@@ -25,8 +26,8 @@ def write_report(folder: str | Path, study: Study) -> Result:
     contents = {
         "report.html": page_of(study),
         "result.json": as_json(result),
-        "trajectory.csv": trajectory_csv(study.scenario.system, study.candidate(DESIGNED).path),
-        "schedule.csv": schedule_csv(study.selection.schedule.chosen, study.scenario.sensor_names, study.scenario.time.segment),
+        "trajectory.csv": trajectory_csv(study.scenario.system, study.designed.path),
+        "schedule.csv": schedule_csv(study.selection.schedule.chosen, study.scenario.sensor_names, segment_nodes(study)),
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -10,6 +10,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from obsdesign.report import captions, facts, tables, wording
+from obsdesign.report.designing import design_in_words
 from obsdesign.report.figures.consistency import consistency_figure
 from obsdesign.report.figures.eigenvectors import eigenvectors_figure
 from obsdesign.report.figures.errors import errors_figure
@@ -83,7 +84,7 @@ def _typeset(text: str) -> Markup:
 
 def _headline(study: Study) -> tuple[KeyNumber, ...]:
     everything = [each.verdict for each in study.analyses if set(each.sensors) == set(study.scenario.sensor_names)]
-    value = facts.value_of(study, study.candidate(facts.DESIGNED).qualities[0])
+    value = facts.value_of(study, study.designed.qualities[0])
     schedule, check = study.selection.schedule, study.check(facts.DESIGNED, facts.CHOSEN).validation
     dimension, n = max(verdict.dimension for verdict in everything), len(study.scenario.state_names)
     return (
@@ -108,9 +109,10 @@ def _how(study: Study) -> Part:
     )
     shown = tuple(picture for picture in pictures if picture.svg)
     starts = tuple(tables.starts_table(study, i) for i in range(len(study.suites)))
-    notes = (*wording.caps(study), wording.weave_in_words(study))
+    found = tuple(design_in_words(study, i) for i in range(len(study.suites)))
+    notes = (*found, *wording.caps(study), wording.weave_in_words(study))
     return Part(
-        "how", "2 How?", wording.flown(study), shown, (tables.paths_table(study), tables.contributions_table(study), *starts), notes
+        "how", "2 How?", wording.taken(study), shown, (tables.paths_table(study), tables.contributions_table(study), *starts), notes
     )
 
 

@@ -10,7 +10,9 @@ import numpy as np
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.information.shares import shortest_bulk
 from obsdesign.report import facts
+from obsdesign.report.designing import objective_name
 from obsdesign.report.figures.rivals import rival_values
+from obsdesign.report.naming import shortfalls_in_words
 from obsdesign.report.rounding import MINUS, NARROW, label, plain, polished, readable, rounded
 from obsdesign.report.wording import criterion_name
 from obsdesign.signals import Signal
@@ -80,23 +82,24 @@ def hidden_table(study: Study, analysis: Analysis) -> Table:
 def paths_table(study: Study) -> Table:
     """Value, smallest eigenvalues, Cramér-Rao bounds, feasibility and cap of every path for every suite."""
     name = criterion_name(study)
-    values = (f"{name} [–]", "second [–]") if facts.judged_by_eigenvalue(study) else (f"{name} [–]", "λmin [–]", "second [–]")
+    values = (f"{name} [–]", *(() if name == "λmin" else ("λmin [–]",)), "second [–]")
     cap = ("below its cap [%]",) if facts.judged_by_eigenvalue(study) else ()
     states = tuple(label(signal) for signal in facts.states_of(study))
+    durations = ("duration [s]",) if _durations_differ(study) else ()
     rows = tuple(_path_row(study, candidate, quality) for candidate in study.candidates for quality in candidate.qualities)
     return Table(
         "Paths",
-        f"Good: large {name}, small standard deviations. Eigenvalues are of S W S, S the prior's standard deviations: {name} has no unit. "
-        "Standard deviations are the Cramér-Rao bound on the start state from all measurements, without prior and gusts; "
+        f"Good: large {name}, small standard deviations. Eigenvalues are of S W S, S the prior's standard deviations: λmin has no unit. "
+        "Standard deviations are the Cramér-Rao bound on the start state from all measurements, without prior and process noise; "
         "hidden: no bound at all.",
-        ("path", "sensors", *values, *states, "meets the limits", *cap),
+        ("path", "sensors", *durations, *values, *states, "meets the limits", *cap),
         rows,
     )
 
 
 def contributions_table(study: Study) -> Table:
     """Which sensor says how much about each state along the designed path, and where most of it comes from."""
-    found = study.candidate(facts.DESIGNED).contributions
+    found = study.designed.contributions
     rows = [
         (
             Cell(label(signal)),
@@ -124,27 +127,27 @@ def _most(study: Study, shares: np.ndarray) -> str:
     if np.isnan(shares).any():
         return "nothing says anything"
     sensor, first, last = shortest_bulk(shares)
-    length = study.scenario.time.segment
+    times = facts.segment_nodes(study)
     share, name = shares[first : last + 1, sensor].sum(), study.scenario.sensor_names[sensor]
-    return f"{plain(round(100 * share))}{NARROW}% by {name} at {plain(first * length)}–{plain((last + 1) * length)}{NARROW}s"
+    return f"{plain(round(100 * share))}{NARROW}% by {name} at {plain(times[first])}–{plain(times[last + 1])}{NARROW}s"
 
 
 def starts_table(study: Study, suite: int) -> Table:
     """What each start of the solver came to for one suite."""
     design, words = study.designs[suite], facts.sensors_in_words(study, study.suites[suite])
-    name = criterion_name(study)
+    name, best = objective_name(study), design.objective - 1e-6 * abs(design.objective)
     rows = tuple(
         (
             Cell(start.name),
-            Cell(rounded(start.value), "good" if start.value >= design.value - 1e-6 * abs(design.value) else ""),
+            Cell(rounded(start.value), "good" if start.refined and start.value >= best else ""),
             Cell(plain(start.iterations)),
-            Cell(start.status.value, "" if start.status.has_answer else "bad"),
+            Cell(start.status.value if start.refined else f"{start.status.value}, coarse", "" if start.status.has_answer else "bad"),
         )
         for start in design.starts
     )
     return Table(
         f"Starts of the solver, designed for {words}",
-        f"Good: large {name}, and several starts that agree on it. The best (green) is flown; each is a local optimum at best.",
+        f"Good: large {name}, and several starts that agree on it. The best (green) is taken; each is a local optimum at best.",
         ("start", f"{name} [–]", "iterations [–]", "status"),
         rows,
     )
@@ -154,7 +157,7 @@ def schedules_table(study: Study) -> Table:
     """lambda_min of the bound, the chosen schedule, the naive ones, and all sensors on throughout."""
     bound = study.selection.schedule.bound
     values = {"no schedule is above": bound} | rival_values(study)
-    total = study.designs[0].problem.scaled(study.candidate(facts.DESIGNED).information.total)
+    total = study.designs[0].problem.scaled(study.designed.information.total)
     values["all sensors on, for comparison"] = float(np.linalg.eigvalsh(total)[0])
     rows = tuple(
         (Cell(name), Cell(rounded(value), "good" if name == facts.CHOSEN else ""), Cell(rounded(100 * value / bound)))
@@ -203,28 +206,35 @@ def _component(value: float, signal: Signal) -> str:
 
 def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cell, ...]:
     values = facts.cleaned(quality)
-    shown = values[:2] if facts.judged_by_eigenvalue(study) else [quality.value, *values[:2]]
-    broken = facts.violations(study, candidate)
-    limits = Cell(f"no: {'; '.join(broken)}", "bad") if broken else Cell("yes", "good")
+    shown = values[1:2] if criterion_name(study) == "λmin" else values[:2]
+    broken = candidate.shortfalls
+    limits = Cell(f"no: {shortfalls_in_words(broken)}", "bad") if broken else Cell("yes", "good")
     return (
         Cell(candidate.name),
         Cell(facts.sensors_in_words(study, quality.sensors)),
-        Cell(rounded(facts.value_of(study, quality)), "bad" if values[0] == 0 else ""),
-        *(Cell(rounded(value)) for value in shown[1:]),
+        *((Cell(plain(candidate.duration)),) if _durations_differ(study) else ()),
+        Cell(rounded(facts.value_of(study, quality)), "bad" if facts.value_of(study, quality) in (0.0, float("-inf")) else ""),
+        *(Cell(rounded(value)) for value in shown),
         *(_deviation(value, signal) for value, signal in zip(quality.std, facts.states_of(study), strict=True)),
         limits,
-        *([_cap_cell(study, quality)] if facts.judged_by_eigenvalue(study) else []),
+        *([_cap_cell(study, candidate, quality)] if facts.judged_by_eigenvalue(study) else []),
     )
+
+
+def _durations_differ(study: Study) -> bool:
+    return len({candidate.duration for candidate in study.candidates}) > 1
 
 
 def _deviation(value: float, signal: Signal) -> Cell:
     return Cell("hidden", "bad") if np.isinf(value) else Cell(rounded(value * readable(signal)[0]))
 
 
-def _cap_cell(study: Study, quality: Quality) -> Cell:
-    cap = facts.cap_for(study, quality.sensors)
+def _cap_cell(study: Study, candidate: Candidate, quality: Quality) -> Cell:
+    cap, design = facts.cap_for(study, quality.sensors), study.designs[study.suites.index(quality.sensors)]
     if cap is None:
         return Cell("no cap")
+    if candidate.duration != design.duration:
+        return Cell(DASH)
     short = 1 - facts.value_of(study, quality) / cap.value
     return Cell("cap reached", "good") if short <= 1e-6 else Cell(rounded(100 * short))
 

@@ -6,16 +6,18 @@ import numpy as np
 
 from obsdesign.report import facts
 from obsdesign.report.figures.rivals import rival_values
+from obsdesign.report.naming import path_in_words
 from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, rounded, with_unit
-from obsdesign.study import WEAVE, Check, Study
+from obsdesign.study import STRAIGHT, WEAVE, Check, Study
 
 _CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
 
 def criterion_name(study: Study) -> str:
     """Return what the value of a path is called."""
-    kind = study.scenario.design.criterion
-    return _CRITERIA.get(kind, kind.replace("_", " "))
+    kind, about = study.scenario.design.criterion, study.scenario.design.about
+    name = _CRITERIA.get(kind, kind.replace("_", " "))
+    return f"{name} about {', '.join(about)}" if about else name
 
 
 def answer(study: Study) -> str:
@@ -24,7 +26,7 @@ def answer(study: Study) -> str:
     better = [change for change in changes if change.is_better]
     seen = "Yes" if better and check.validation.consistent else "In part"
     how = f"on the designed path, with {_schedule_in_words(study)}, a filter ends up"
-    than = f"the {facts.STRAIGHT} path with {facts.baseline(study).schedule}"
+    than = f"{path_in_words(study.baseline)} with {facts.baseline(study).schedule}"
     if not better:
         return f"{seen}: {how} with errors no smaller than on {than}{_honesty(check)}."
     gains = joined([f"{change.signal.name} to {with_unit(change.ours, change.signal)}" for change in better])
@@ -82,17 +84,16 @@ def proven(study: Study) -> str:
     return f"{how} {count}. For {who}: {polished(shown.verdict.proof)}."
 
 
-def flown(study: Study) -> str:
+def taken(study: Study) -> str:
     """Answer "How?": the designed path against constant inputs and the weave."""
-    ours = _value(study, facts.DESIGNED)
-    rivals = [
-        f"{_gain(study, ours, _value(study, name))} {words}"
-        for name, words in ((facts.STRAIGHT, "flying straight"), (WEAVE, "the best weave that meets the same limits"))
-        if any(candidate.name == name for candidate in study.candidates)
-    ]
-    status = study.designs[0].status.value
-    name = criterion_name(study)
-    return f"Fly the coloured path: with all sensors on, {name} is {rounded(ours)}, {joined(rivals)}; it is {status}, not proven global."
+    ours, known = _value(study, facts.DESIGNED), {candidate.name for candidate in study.candidates}
+    names = dict.fromkeys((study.baseline, *(each.name for each in study.scenario.baselines), STRAIGHT, WEAVE))
+    rivals = [f"{_gain(study, ours, _value(study, name))} {path_in_words(name)}" for name in names if name in known]
+    design, name = study.designs[0], criterion_name(study)
+    return (
+        f"Take the coloured path: with all sensors on, {name} is {rounded(ours)}, {joined(rivals)}; "
+        f"it is {design.status.value}, not proven global."
+    )
 
 
 def _value(study: Study, path: str) -> float:
@@ -101,7 +102,7 @@ def _value(study: Study, path: str) -> float:
 
 def _gain(study: Study, ours: float, theirs: float) -> str:
     """Compare two values of the criterion in words that suit it."""
-    if study.scenario.design.criterion == "log_det" or theirs in (0.0, float("-inf")):
+    if study.scenario.design.criterion in ("log_det", "posterior") or theirs in (0.0, float("-inf")):
         return f"against {rounded(theirs)} for"
     if ours < 0:
         return f"a sum of variances {rounded(theirs / ours)} times smaller than for"
@@ -120,7 +121,8 @@ def _cap(study: Study, i: int) -> str:
     block = ", ".join(cap.states)
     what = f"With {suite}: the information about ({block}) is the same on every path, so no path exceeds the cap {rounded(cap.value)}"
     found = "reaches it" if design.reaches_cap else f"stays {percent(1 - design.value / cap.value)} below it"
-    below = [candidate for candidate in study.candidates if candidate.qualities[i].value < cap.value * (1 - 1e-6)]
+    same = [candidate for candidate in study.candidates if candidate.duration == design.duration]
+    below = [candidate for candidate in same if candidate.qualities[i].value < cap.value * (1 - 1e-6)]
     reasons = [f"{candidate.name} {percent(facts.outside_share(study, candidate.qualities[i], cap))}" for candidate in below]
     lean = "A path stays below where its weakest direction leans on states outside that block; share outside"
     return f"{what}; the path designed for {suite} {found}." + (f" {lean}: {', '.join(reasons)}." if below else "")
@@ -130,7 +132,7 @@ def weave_in_words(study: Study) -> str:
     """Describe the weave that was found, or say that there is none."""
     weave = study.weave
     if weave is None:
-        return "No weave meets the same limits, or the vehicle has no turn rate; so there is none to compare with."
+        return "No weave meets the same limits, or the vehicle has no turn rate: there is none to compare with."
     degrees, side = 180 / np.pi, "left" if weave.side > 0 else "right"
     return (
         f"The weave turns by {rounded(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
@@ -151,7 +153,7 @@ def chosen(study: Study) -> str:
 
 def relaxed(study: Study) -> str:
     """Say how the schedule was found."""
-    undecided, segments = study.selection.schedule.fractional, study.scenario.segments
+    undecided, segments = study.selection.schedule.fractional, len(study.selection.schedule.chosen)
     left = f"leaves {undecided} of {segments} segments undecided; these are rounded" if undecided else "decides every segment"
     return (
         f"The schedule comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can. "
@@ -168,7 +170,7 @@ def held(study: Study) -> str:
     excess = float(np.max(validation.rmse[-1] / validation.bound[-1])) - 1
     near = f"its final errors are at most {percent(max(excess, 0.0))} above their Cramér-Rao bounds"
     others = [each for each in study.checks if not each.validation.consistent and each is not check]
-    rest = joined([f"the {each.path} path with {_named(each.schedule)}" for each in others])
+    rest = joined([f"{path_in_words(each.path)} with {_named(each.schedule)}" for each in others])
     tail = f"; not so on {rest}" if others else ""
     return f"{yes}: on the designed path with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
 
@@ -181,8 +183,8 @@ def reasons(study: Study) -> tuple[str, ...]:
     if worse and not last.all():
         on = joined([name for name, kept in zip(study.scenario.sensor_names, last, strict=True) if kept])
         found.append(
-            f"The final error in {joined(worse)} is larger than on the {facts.STRAIGHT} path with {facts.baseline(study).schedule}: the "
-            "schedule is chosen for what the whole path says about the start state, not for the last instant, "
+            f"The final error in {joined(worse)} is larger than on {path_in_words(study.baseline)} with "
+            f"{facts.baseline(study).schedule}: the schedule is chosen for what the whole path says about the start state, not for the last instant, "
             f"and the last segment has only {on}."
         )
     return tuple(found)

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import obsdesign.criteria
 from obsdesign.checks import whole_multiple
+from obsdesign.costs.effort import Effort
+from obsdesign.costs.flight_time import FlightTime
 from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.moment import Moment
@@ -13,6 +15,8 @@ from obsdesign.paths.abstract import Grid
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.wording import Location, Problem, unknown_key, unknown_name
 
+STRAIGHT, SHORTEST, WEAVE, DESIGNED = "straight", "shortest", "weave", "designed"  # what the study calls its own paths
+OTHER_PATHS = (STRAIGHT, SHORTEST, WEAVE, DESIGNED)
 _ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
@@ -21,13 +25,14 @@ def contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _name_problems(scenario)
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
+    yield from _selection_problems(scenario)
+    yield from _criterion_problems(scenario)
+    yield from _baseline_problems(scenario)
     yield from _time_problems(scenario)
+    yield from _range_problems(scenario)
+    yield from _flight_problems(scenario)
     yield from _place_problems(scenario)
     yield from _constraint_problems(scenario)
-    if scenario.selection.per_segment > len(scenario.sensors):
-        most = len(scenario.sensors)
-        message = f"is {scenario.selection.per_segment}: must be at most the number of sensors, {most}"
-        yield Problem(("selection", "per_segment"), message)
 
 
 def _name_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -37,11 +42,21 @@ def _name_problems(scenario: Scenario) -> Iterator[Problem]:
         (("prior",), tuple(scenario.prior), states, True),
         (("process_noise",), tuple(scenario.process_noise), states, False),
         (("design", "bounds"), tuple(scenario.design.bounds), inputs, True),
+        (("design", "rates"), tuple(scenario.design.rates), inputs, False),
         *((("manoeuvres", i, "held"), tuple(each.held), inputs, False) for i, each in enumerate(scenario.manoeuvres)),
+        *((("baselines", i, "inputs"), tuple(each.inputs), inputs, False) for i, each in enumerate(scenario.baselines)),
+        *((place, tuple(name for name, _ in cost.weights), inputs, False) for place, cost in _efforts(scenario)),
     ]
     for location, given, accepted, complete in tables:
         yield from (Problem((*location, key), unknown_key(key, accepted)) for key in given if key not in accepted)
         yield from (Problem((*location, key), "missing key") for key in accepted if complete and key not in given)
+
+
+def _efforts(scenario: Scenario) -> Iterator[tuple[Location, Effort]]:
+    for key in ("prices", "budgets"):
+        for i, each in enumerate(getattr(scenario.design, key)):
+            if isinstance(each.cost, Effort):
+                yield ("design", key, i, "weights"), each.cost
 
 
 def _value_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -57,10 +72,42 @@ def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
     if scenario.design.criterion not in kinds(obsdesign.criteria):
         yield Problem(("design", "criterion"), unknown_name(scenario.design.criterion, kinds(obsdesign.criteria)))
     for i, suite in enumerate(scenario.design.suites):
-        wrong = [name for name in suite if name not in scenario.sensor_names]
-        yield from (Problem(("design", "suites", i), unknown_name(name, scenario.sensor_names)) for name in wrong)
-    if scenario.selection.naive is not None and scenario.selection.naive not in scenario.sensor_names:
-        yield Problem(("selection", "naive"), unknown_name(scenario.selection.naive, scenario.sensor_names))
+        yield from _list_problems(("design", "suites", i), suite, scenario.sensor_names)
+    yield from _list_problems(("design", "about"), scenario.design.about, scenario.state_names)
+    yield from _list_problems(("selection", "naive"), scenario.selection.naive, scenario.sensor_names)
+
+
+def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[str]) -> Iterator[Problem]:
+    yield from (Problem(location, unknown_name(name, accepted)) for name in names if name not in accepted)
+    yield from (Problem(location, f"names {name!r} twice") for i, name in enumerate(names) if name in names[:i])
+
+
+def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
+    each, sensors, naive = scenario.selection.per_segment, len(scenario.sensors), scenario.selection.naive
+    if each > sensors:
+        yield Problem(("selection", "per_segment"), f"is {each}: must be at most the number of sensors, {sensors}")
+    if len(naive) > each:
+        yield Problem(("selection", "naive"), f"is {', '.join(naive)}: must be at most per_segment sensors, {each}")
+
+
+def _criterion_problems(scenario: Scenario) -> Iterator[Problem]:
+    design = scenario.design
+    if design.criterion == "posterior":
+        reasons = {"robust": "has a prior of its own", "floor": "has no windows"}
+        wrong = [key for key in reasons if getattr(design, key) is not None]
+        yield from (Problem(("design", key), f"does not go with the criterion posterior, which {reasons[key]}") for key in wrong)
+    if design.evidence and (design.criterion != "min_eigenvalue" or design.prices or design.robust):
+        message = f"is {design.evidence}: must be 0 unless the criterion is min_eigenvalue, without prices and robust"
+        yield Problem(("design", "evidence"), message)
+
+
+def _baseline_problems(scenario: Scenario) -> Iterator[Problem]:
+    names = [each.name for each in scenario.baselines]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield Problem(("baselines", i, "name"), f"is {name!r}: another baseline has that name")
+        if name in OTHER_PATHS or name.startswith(f"{DESIGNED} for "):
+            yield Problem(("baselines", i, "name"), f"is {name!r}: the study calls another path so")
 
 
 def _time_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -75,17 +122,49 @@ def _time_problems(scenario: Scenario) -> Iterator[Problem]:
         if sensor.rate is not None and whole_multiple(1 / sensor.rate, time.step) is None:
             period = f"is {sensor.rate:g} Hz, a period of {1 / sensor.rate:g} s"
             yield Problem(("sensors", i, "rate"), f"{period}: must be a whole multiple of the step, {time.step:g} s")
-    if whole_multiple(time.duration, time.step) is not None:
-        try:
-            scenario.design.path.box(_grid(scenario))
-        except InputError as error:
-            yield Problem(("design", "path"), str(error))
+    for duration in dict.fromkeys((scenario.shortest, time.duration)):
+        if whole_multiple(duration, time.step) is not None:
+            yield from _path_problems(scenario, duration)
 
 
-def _grid(scenario: Scenario) -> Grid:
+def _path_problems(scenario: Scenario, duration: float) -> Iterator[Problem]:
     names = tuple(signal.name for signal in scenario.vehicle.inputs)
     lower, upper = (tuple(scenario.design.bounds.get(name, (-1.0, 1.0))[side] for name in names) for side in (0, 1))
-    return Grid(names, lower, upper, scenario.steps, scenario.time.step)
+    try:
+        scenario.design.path.box(Grid(names, lower, upper, round(duration / scenario.time.step), scenario.time.step))
+    except InputError as error:
+        yield Problem(("design", "path"), str(error))
+
+
+def _range_problems(scenario: Scenario) -> Iterator[Problem]:
+    time, design, shortest = scenario.time, scenario.design, scenario.shortest
+    if shortest > time.duration:
+        yield Problem(("design", "shortest"), f"is {shortest:g} s: must be at most time.duration, {time.duration:g} s")
+    elif whole_multiple(shortest, time.step) is None and design.shortest is not None:
+        yield Problem(("design", "shortest"), f"is {shortest:g} s: must be a whole multiple of the step, {time.step:g} s")
+    if design.floor is not None:
+        seconds = design.floor.seconds
+        if seconds > shortest:
+            yield Problem(("design", "floor", "seconds"), f"is {seconds:g} s: must be at most the duration, {shortest:g} s")
+        elif whole_multiple(seconds, time.step) is None:
+            yield Problem(("design", "floor", "seconds"), f"is {seconds:g} s: must be a whole multiple of the step, {time.step:g} s")
+    for i, budget in enumerate(design.budgets):
+        if isinstance(budget.cost, FlightTime) and budget.at_most < shortest:
+            yield Problem(("design", "budgets", i, "at_most"), f"is {budget.at_most:g} s: must be at least the duration, {shortest:g} s")
+
+
+def _flight_problems(scenario: Scenario) -> Iterator[Problem]:
+    flight, time = scenario.flight, scenario.time
+    if flight is None:
+        return
+    for key in ("every", "duration", "horizon"):
+        seconds = getattr(flight, key)
+        if seconds is not None and whole_multiple(seconds, time.step) is None:
+            yield Problem(("flight", key), f"is {seconds:g} s: must be a whole multiple of the step, {time.step:g} s")
+    horizon = time.duration if flight.horizon is None else flight.horizon
+    for key, longest in (("duration", flight.duration), ("horizon", horizon)):
+        if flight.every > longest:
+            yield Problem(("flight", "every"), f"is {flight.every:g} s: must be at most the {key}, {longest:g} s")
 
 
 def _place_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -124,6 +203,6 @@ def _constraint_problems(scenario: Scenario) -> Iterator[Problem]:
                 yield Problem(("design", "constraints", i), f"needs the state {name!r}, which the vehicle does not have")
         for key in ("first", "last"):
             instant = getattr(constraint.span, key)
-            if instant is not None and instant > scenario.time.duration:
-                message = f"is {instant:g} s: must be at most the duration, {scenario.time.duration:g} s"
+            if instant is not None and instant > scenario.shortest:
+                message = f"is {instant:g} s: must be at most the duration, {scenario.shortest:g} s"
                 yield Problem(("design", "constraints", i, key), message)

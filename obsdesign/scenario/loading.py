@@ -14,8 +14,10 @@ from pydantic import BaseModel, ValidationError
 
 from obsdesign.errors import ScenarioError
 from obsdesign.scenario.contradictions import contradictions
-from obsdesign.scenario.schema import LEAVES, Scenario
-from obsdesign.scenario.wording import Location, Problem, described, in_file, in_radians, unknown_key
+from obsdesign.scenario.degrees import in_radians, no_angles
+from obsdesign.scenario.leaves import COST, LEAVES
+from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.wording import Location, Problem, described, in_file, unknown_key
 
 _OWN = ("file", "digest")  # fields of the record that are no keys of the file
 
@@ -52,19 +54,22 @@ def _validated(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario |
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         return None, [described(each, data, _keys_at) for each in error.errors()]
-    return scenario, [Problem(in_file(problem.location, data), problem.message) for problem in contradictions(scenario)]
+    wrong = [Problem(location, "is given in degrees: is no angle") for location in no_angles(data, scenario)]
+    return scenario, wrong + [Problem(in_file(problem.location, data), problem.message) for problem in contradictions(scenario)]
 
 
 def _keys_at(location: Location) -> Sequence[str]:
     """Keys that the table at a location accepts."""
     table: Any = Scenario
+    beside: list[str] = []
     for part in location:
         if part in LEAVES:
             table = LEAVES[str(part)]
         elif not isinstance(part, int) and isinstance(table, type) and issubclass(table, BaseModel):
+            beside = [key for key in table.model_fields if key != COST] if part == COST else []
             table = _table_in(table.model_fields[part].annotation)
     if is_dataclass(table):
-        return ("kind", *(field.name for field in fields(table)))
+        return ("kind", *(field.name for field in fields(table)), *beside)
     return [key for key in table.model_fields if key not in _OWN] if isinstance(table, type) and issubclass(table, BaseModel) else ()
 
 

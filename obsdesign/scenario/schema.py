@@ -105,7 +105,7 @@ _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "str
 
 
 def _listed(value: Any) -> Any:  # noqa: ANN401
-    return [value] if isinstance(value, str) else value
+    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
 
 class SelectionTable(_Table):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-_DEGREES = "_deg"
+from obsdesign.scenario.degrees import SUFFIX
+from obsdesign.scenario.leaves import COST
+
 Location = tuple[str | int, ...]
 # (location of a table) -> the keys it accepts, or nothing where any are
 AcceptedKeys = Callable[[Location], Sequence[str]]
@@ -31,13 +32,6 @@ def spelled(location: Location) -> str:
     return text.removeprefix(".") or "scenario"
 
 
-def in_radians(value: Any) -> Any:  # noqa: ANN401  # whatever TOML can hold
-    """Return TOML data with every number under a key that ends in _deg converted to radians, under the key without it."""
-    if isinstance(value, Mapping):
-        return {_without_degrees(key, item): _converted(key, item) for key, item in value.items()}
-    return [in_radians(item) for item in value] if isinstance(value, list) else value
-
-
 def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Problem:  # noqa: ANN401
     """Return a pydantic error as a Problem of the TOML data it came from."""
     location, kind = in_file(error["loc"], data), error["type"]
@@ -53,7 +47,7 @@ def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Pr
         return Problem((*location, "kind"), unknown_name(error["ctx"]["tag"], choices))
     if kind == "value_error":
         said, written = str(error["ctx"]["error"]), value.items() if isinstance(value, Mapping) else ()
-        degrees = [f"{key} = {item}" for key, item in written if key.endswith(_DEGREES) and key.removesuffix(_DEGREES) in said]
+        degrees = [f"{key} = {item}" for key, item in written if key.endswith(SUFFIX) and key.removesuffix(SUFFIX) in said]
         given = f" (given as {', '.join(degrees)})" if degrees else ""
         return Problem(location, said + given)
     message = error["msg"].replace("Input should be", "must be")
@@ -62,7 +56,7 @@ def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Pr
 
 def unknown_key(key: str, accepted: Sequence[str]) -> str:
     """Return what to say of a key that nobody knows."""
-    near = difflib.get_close_matches(key.removesuffix(_DEGREES), accepted, n=1)
+    near = difflib.get_close_matches(key.removesuffix(SUFFIX), accepted, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"unknown key{hint} (accepted: {', '.join(accepted) or 'none'})"
 
@@ -74,29 +68,14 @@ def unknown_name(name: str, accepted: Sequence[str]) -> str:
     return f"is {name!r}: must be one of {', '.join(accepted)}{hint}"
 
 
-def _is_angle(item: Any) -> bool:  # noqa: ANN401
-    numbers = item if isinstance(item, list) else [item]
-    return all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
-
-
-def _without_degrees(key: str, item: Any) -> str:  # noqa: ANN401
-    return key.removesuffix(_DEGREES) if _is_angle(item) else key
-
-
-def _converted(key: str, item: Any) -> Any:  # noqa: ANN401
-    if not (key.endswith(_DEGREES) and _is_angle(item)):
-        return in_radians(item)
-    return [math.radians(number) for number in item] if isinstance(item, list) else math.radians(item)
-
-
 def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
-    """Return the location as it stands in the file: without the tags of unions, with _deg where that was written."""
+    """Return the location as it stands in the file: without the tags of unions and tables made here, with _deg where that was written."""
     found: list[str | int] = []
     for place, part in enumerate(location):
-        if isinstance(data, Mapping) and part == data.get("kind"):
+        if isinstance(data, Mapping) and (part == data.get("kind") or (part == COST and COST not in data)):
             continue
-        in_degrees = isinstance(data, Mapping) and part not in data and f"{part}{_DEGREES}" in data
-        found.append(f"{part}{_DEGREES}" if in_degrees else part)
+        in_degrees = isinstance(data, Mapping) and part not in data and f"{part}{SUFFIX}" in data
+        found.append(f"{part}{SUFFIX}" if in_degrees else part)
         data = _at(data, (found[-1],)) if place < len(location) - 1 else data
     return tuple(found)
 

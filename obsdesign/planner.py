@@ -1,0 +1,643 @@
+"""Receding horizon: the same problem, solved again and again from where the vehicle is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from itertools import islice
+from math import gcd, inf, isfinite, isnan, nan
+from numbers import Real
+from time import perf_counter
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.analysis.question import observability
+from obsdesign.checks import as_array, require_count, whole_multiple
+from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Span
+from obsdesign.criteria.posterior import Posterior
+from obsdesign.design.aim import aim_of
+from obsdesign.design.ascent import FEASIBLE, ITERATIONS, Limits, Warm, climb
+from obsdesign.design.choosing import objective_of
+from obsdesign.design.climbing import families_of
+from obsdesign.design.limits import Shortfall, rows_of, shortfalls, tightened
+from obsdesign.design.nodes import nodes_of
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.program import Multipliers, Program, Rows
+from obsdesign.design.starts import start_inputs
+from obsdesign.design.threads import one_thread
+from obsdesign.errors import InputError, UnobservableError
+from obsdesign.moment import Moment
+from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.prior import Prior
+from obsdesign.simulation import as_state, simulate
+from obsdesign.status import Status
+from obsdesign.trajectory import Trajectory
+
+Horizon = Literal["receding", "shrinking"]
+
+_ROUNDS, _FIRST_ROUNDS = 4, 8  # of climbing again while no path is known that keeps all limits
+_RADIUS = 0.03  # of the trust region at least, in widths of the box: the start has moved since the last climb
+_SPARE, _AFTER = 1.5, 0.015  # left unused before a deadline: iterations' worth of time, and seconds for what follows the climb
+_PACE, _PACE_KEPT = 0.05, 0.8  # seconds an iteration is taken to last before one was timed; share kept where none was made
+_REHEARSED = 8  # steps at most that are taken at construction
+
+
+# ---------------------------------------------------------------- a problem some time later
+
+
+@dataclass(frozen=True)
+class _Later(AbstractConstraint):
+    """A constraint with another span; equal to others of the same constraint, as the functions of its margins are the same."""
+
+    constraint: AbstractConstraint
+    when: Span = field(compare=False)
+
+    def __str__(self) -> str:
+        return str(self.constraint)
+
+    @property
+    def span(self) -> Span:
+        return self.when
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return self.constraint.states
+
+    @property
+    def size(self) -> tuple[float, str]:
+        return self.constraint.size
+
+    def margins(self, moment: Moment) -> list[Coordinate]:
+        return self.constraint.margins(moment)
+
+
+@dataclass(frozen=True)
+class _Moved(AbstractPath):
+    """The inputs of a family on a grid of `whole` steps from its step `by` on, the last ones held for as long as they have to be.
+
+    So a path that has been flown in part stays in its family, wherever in a piece the vehicle is. Parameters that only what has
+    been flown depended on are constants: `flown`, in the order of their indices.
+    """
+
+    family: AbstractPath
+    whole: int
+    by: int
+    flown: tuple[float, ...] = ()
+
+    def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        live = self.live(grid)
+        lower, upper = self.family.box(self._grid(grid))
+        return lower[live], upper[live]
+
+    def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
+        return self.family.inputs(self.full(p, grid), self._grid(grid))[_onward(self.whole, self.by, grid.steps).tolist(), :]
+
+    def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
+        every = np.vstack([np.repeat(u[:1], self.by, axis=0), u])[: self.whole]
+        return self.family.fit(every, self._grid(grid))[self.live(grid)]
+
+    def coarser(self) -> None:
+        return None
+
+    def rates(self, p: ca.SX, grid: Grid) -> ca.SX:
+        return self.family.rates(self.full(p, grid), self._grid(grid))
+
+    def live(self, grid: Grid) -> np.ndarray:
+        """Return which of the family's parameters (q,) what is left of the path depends on."""
+        return _live(self.family, self._grid(grid), self.by)
+
+    def full(self, p: Any, grid: Grid) -> Any:  # noqa: ANN401  # symbolic or numerical
+        """Return the family's parameters (q,)."""
+        if not self.flown:
+            return p
+        live, parts, gone = self.live(grid), iter(p if isinstance(p, np.ndarray) else ca.vertsplit(p)), iter(self.flown)
+        every = [next(parts) if is_live else next(gone) for is_live in live]
+        return np.array(every) if isinstance(p, np.ndarray) else ca.vertcat(*every)
+
+    def _grid(self, grid: Grid) -> Grid:
+        return replace(grid, steps=self.whole)
+
+
+@lru_cache(256)
+def _live(family: AbstractPath, grid: Grid, by: int) -> np.ndarray:
+    p = ca.SX.sym("p", len(family.box(grid)[0]))
+    left = ca.vec(ca.SX(family.inputs(p, grid))[by:, :])
+    return np.array(ca.which_depends(left, p, 1, False), dtype=bool)
+
+
+def _onward(count: int, by: int, steps: int) -> np.ndarray:
+    """Return indices (steps,) of what comes from `by` on, the last of `count` again and again at the end."""
+    return np.minimum(np.arange(by, by + steps), count - 1)
+
+
+# ---------------------------------------------------------------- records
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What a step hands on to the next.
+
+    gone: steps since the first plan; p (q,): parameters of the problem's family on its own grid, the first `by` steps of which have
+    been flown; rows, warm: of the last climb, limits: indices of its constraints; met: indices of those that must hold once and
+    have; spent: of each budget; pace [s]: of one iteration.
+    """
+
+    gone: int
+    p: np.ndarray
+    by: int
+    rows: Rows | None = None
+    warm: Warm | None = None
+    limits: tuple[int, ...] = ()
+    met: frozenset[int] = frozenset()
+    spent: tuple[float, ...] = ()
+    pace: float = _PACE
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A path from where the vehicle is.
+
+    trajectory: from x_now at its t = 0 on; value: what is maximised, recomputed: criterion(S (W + prior) S) minus prices, NaN where
+    that was not done; feasible: whether the path breaks no limit, x_now being a state, looked at ten times as often as the steps;
+    status: how this step's climb ended, ITERATION_LIMIT being usual; reason: in words what went wrong, else "";
+    age: how many steps ago the inputs were found, 0 = now; time [s]: since the first plan; seconds: wall time that the step took.
+    """
+
+    trajectory: Trajectory
+    value: float
+    status: Status
+    feasible: bool
+    reason: str
+    age: int
+    time: float
+    seconds: float
+    memory: Memory
+
+    @property
+    def x0(self) -> np.ndarray:
+        """Where the path begins (n,)."""
+        return self.trajectory.x[0]
+
+    @property
+    def p(self) -> np.ndarray:
+        """Parameters (q,) that the next climb begins from: those of the path, or of one that did not keep all limits yet."""
+        return self.memory.p
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """The arguments of one step, as they came."""
+
+    x_now: ArrayLike
+    previous: Plan | None
+    prior: Prior | ArrayLike | None
+    deadline: float | None
+    elapsed: float | None
+    began: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """A path under the limits of a problem."""
+
+    problem: DesignProblem
+    path: Trajectory
+
+    @cached_property
+    def short(self) -> tuple[Shortfall, ...]:
+        """What it breaks, worst first."""
+        return shortfalls(self.problem, self.path)
+
+    @cached_property
+    def objective(self) -> float:
+        """What is maximised, recomputed."""
+        return objective_of(self.problem, self.path)
+
+    def or_better(self, known: _Course) -> _Course:
+        """Return the better one: feasible rather than not, then of higher objective, or of less shortfall."""
+        if not self.short:
+            # looking between the nodes takes longer than the rest: only where it matters
+            return self if self.objective >= known.objective or known.short else known
+        return self if known.short and self.short[0].margin > known.short[0].margin else known
+
+
+@dataclass(frozen=True, eq=False)
+class _Now:
+    """The problem from x_now on; memory: moved on to now; u (N, m): inputs to fall back on.
+
+    limits: indices of its constraints; broken: those that x_now is beyond.
+    """
+
+    problem: DesignProblem
+    memory: Memory
+    u: np.ndarray
+    limits: tuple[int, ...]
+    broken: tuple[Shortfall, ...]
+
+    def course(self, u: np.ndarray) -> _Course:
+        """Return the path of inputs (N, m)."""
+        return _Course(self.problem, simulate(self.problem.system, self.problem.x0, u, self.problem.step))
+
+
+@dataclass(frozen=True, eq=False)
+class _Seed:
+    """Where a climb begins."""
+
+    p: np.ndarray
+    rows: Rows
+    warm: Warm | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The best path known, where a next climb would begin, how the climb ended, and seconds per iteration, 0 = none was made."""
+
+    course: _Course
+    seed: _Seed | None
+    status: Status
+    pace: float
+
+
+# ---------------------------------------------------------------- the planner
+
+
+@dataclass(frozen=True)
+class Planner:
+    """Plans for one problem from wherever the vehicle is. Built once; the warm start travels in the plan: no hidden state.
+
+    every [s]: time from one step to the next, a whole multiple of the problem's step, None = one step;
+    horizon: "receding": each plan lasts as long as the problem, whose limits count from now on; "shrinking": until the duration of
+    the problem is over, limits and budgets being those of the whole mission; iterations: of each step after the first (real-time
+    iteration: the next step goes on where this one stopped); starts: of the first step, climbed to the end.
+    What takes long for being done the first time is done at construction, by rehearsing some steps.
+    Raises UnobservableError where the sensors cannot see the whole state on any path, InputError for a duration to choose from and
+    for values that do not fit. Source: Diehl, Bock and Schlöder (2005), real-time iterations.
+    """
+
+    problem: DesignProblem
+    every: float | None = None
+    horizon: Horizon = "receding"
+    iterations: int = 1
+    starts: int = 4
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        problem = self.problem
+        if problem.shortest != problem.longest:
+            raise InputError(f"planner: duration is {problem.duration!r}: must be one number of seconds")
+        object.__setattr__(self, "every", problem.step if self.every is None else self.every)
+        self._steps("planner: every", self.every)
+        if self.horizon not in ("receding", "shrinking"):
+            raise InputError(f"planner: horizon is {self.horizon!r}: must be 'receding' or 'shrinking'")
+        require_count("planner: iterations", self.iterations)
+        require_count("planner: starts", self.starts)
+        require_count("planner: seed", self.seed, least=0)
+        verdict = observability(problem.system, seed=self.seed)
+        if verdict.decided and not verdict.observable and not problem.about and not np.any(problem.known):
+            raise UnobservableError(verdict)
+        plan = self._idle
+        period = self._period // gcd(self._period, self._steps("", self.every))
+        for _ in range(min(_REHEARSED, 2 if self._shrinks else period)):
+            plan = self.step(problem.x0, plan)
+
+    def step(
+        self,
+        x_now: ArrayLike,
+        previous: Plan | None = None,
+        prior: Prior | ArrayLike | None = None,
+        deadline: float | None = None,
+        elapsed: float | None = None,
+    ) -> Plan:
+        """Return a plan from x_now (n,). Never raises: what goes wrong is the plan's status and reason.
+
+        previous: the last plan, flown for `elapsed` [s], None = `every`; None = there is none: several starts are tried;
+        prior: what is known about x_now beside the samples that the plan counts, as Prior or information (n, n), None = the problem's
+        `known`; deadline [s] of wall time from the call, None = none, then the same arguments give the same plan.
+        The path is the better one of a climb from the previous path, moved on in time, and of that path itself; it breaks no
+        limit if either of them breaks none. After a failure or at the deadline it is the previous path, moved on.
+        """
+        call, reason = _Call(x_now, previous, prior, deadline, elapsed, perf_counter()), ""
+        attempts: tuple[Callable[[_Call], Plan], ...] = (self._planned, self._followed, self._kept, self._waited)
+        for attempt in attempts:
+            try:
+                with one_thread():
+                    plan = attempt(call)
+                reason = "; ".join(filter(None, (reason, plan.reason)))
+                return replace(plan, reason=reason, seconds=perf_counter() - call.began)
+            except Exception as error:  # noqa: BLE001  # in flight any plan is better than none; each attempt needs less than the last
+                reason = reason or str(error) or type(error).__name__
+        return replace(self._idle, reason=reason, seconds=perf_counter() - call.began)
+
+    # ------------------------------------------------------------ attempts
+
+    def _planned(self, call: _Call) -> Plan:
+        """Climb from the previous path, or from several starts."""
+        x, previous = as_state(self.problem.system, call.x_now, "x_now"), call.previous
+        now = self._now(x, call, call.prior)
+        known = now.course(now.u)
+        until = _until(call, now.memory.pace)
+        found = self._first(now, known, until) if previous is None else self._again(now, known, until)
+        kept = found.course is known
+        age = previous.age + 1 if kept and previous is not None else 0
+        status = found.status
+        return self._plan(now, found.course, status, age, self._remembered(now, found, kept))
+
+    def _followed(self, call: _Call) -> Plan:
+        """Fly the previous path's inputs from x_now."""
+        now, age = self._following(call)
+        x = as_state(self.problem.system, call.x_now, "x_now")
+        course = replace(now.course(now.u), path=simulate(self.problem.system, x, now.u, self.problem.step))
+        return self._plan(now, course, Status.NUMERICAL_ERROR, age, now.memory, valued=False)
+
+    def _kept(self, call: _Call) -> Plan:
+        """Fly the previous path, x_now being no state."""
+        now, age = self._following(call)
+        return replace(self._plan(now, now.course(now.u), Status.NUMERICAL_ERROR, age, now.memory, valued=False), feasible=False)
+
+    def _following(self, call: _Call) -> tuple[_Now, int]:
+        """Return the problem from where the previous path is now, and its age."""
+        previous = call.previous
+        if previous is None:
+            raise InputError("there is no plan to follow")
+        call = replace(call, elapsed=call.elapsed if _is_time(call.elapsed) else None)
+        x = previous.trajectory.x[min(self._elapsed(call), previous.trajectory.steps)]
+        memory = replace(previous.memory, warm=None)
+        return self._now(x, replace(call, previous=replace(previous, memory=memory)), None), previous.age + 1
+
+    def _waited(self, call: _Call) -> Plan:
+        """All inputs in the middle of their ranges, from x_now."""
+        x = as_state(self.problem.system, call.x_now, "x_now")
+        idle = self._idle
+        course = _Course(self.problem, simulate(self.problem.system, x, idle.trajectory.u, self.problem.step))
+        return replace(idle, trajectory=course.path, feasible=not course.short)
+
+    @cached_property
+    def _idle(self) -> Plan:
+        problem = self.problem
+        u = np.tile(problem.grid.centre, (problem.steps, 1))
+        path = simulate(problem.system, problem.x0, u, problem.step)
+        return Plan(path, nan, Status.NUMERICAL_ERROR, False, "", 0, 0.0, 0.0, self._fresh)
+
+    def _plan(self, now: _Now, course: _Course, status: Status, age: int, memory: Memory, valued: bool = True) -> Plan:
+        wrong = (*now.broken, *course.short)
+        reason = "; ".join(map(str, wrong[:3]))
+        value = course.objective if valued else nan
+        return Plan(course.path, value, status, not wrong, reason, age, memory.gone * self.problem.step, 0.0, memory)
+
+    # ------------------------------------------------------------ climbs
+
+    def _again(self, now: _Now, known: _Course, until: float) -> _Found:
+        return _improved(now.problem, known, self._seeded(now), Limits(self.iterations, deadline=until), _ROUNDS, patient=False)
+
+    def _first(self, now: _Now, known: _Course, until: float) -> _Found:
+        """Climb from the most promising starts, coarse families first."""
+        plain = self.problem if now.broken else replace(now.problem, constraints=self.problem.constraints)
+        best, limits = _Found(known, None, Status.TIME_LIMIT, 0.0), Limits(ITERATIONS, deadline=until)
+        if perf_counter() >= until:
+            return best
+        starts = [now.course(u) for _, u in islice(start_inputs(plain, self.seed), self.starts)]
+        for start in sorted(starts, key=lambda each: (bool(each.short), -each.objective)):
+            found = _Found(start, None, Status.TIME_LIMIT, 0.0)
+            for family in families_of(self.problem.path):
+                problem = replace(now.problem, path=family if family != self.problem.path else now.problem.path)
+                path = found.course.path
+                seed = _Seed(problem.path.fit(path.u, problem.grid), rows_of(problem), None)
+                found = _improved(problem, found.course, seed, limits, _FIRST_ROUNDS, patient=True)
+            best = found if found.course.or_better(best.course) is found.course else best
+            if perf_counter() >= until:
+                break
+        return best
+
+    def _seeded(self, now: _Now) -> _Seed:
+        """Where the last climb stopped, its rows and multipliers moved on in time."""
+        problem, memory = now.problem, now.memory
+        path = problem.path
+        p = np.clip(memory.p[path.live(problem.grid)], *path.box(problem.grid))
+        return _Seed(p, *_carried(rows_of(problem), memory, now.limits))
+
+    def _remembered(self, now: _Now, found: _Found, kept: bool) -> Memory:
+        """What the next step begins with: where the climb stopped, or the path itself after a climb that failed."""
+        problem, memory, seed = now.problem, now.memory, found.seed
+        memory = replace(memory, pace=found.pace or _PACE_KEPT * memory.pace, limits=now.limits)
+        failed = found.status in (Status.NUMERICAL_ERROR, Status.LOCALLY_INFEASIBLE)
+        if seed is None or (kept and failed):
+            return replace(memory, p=problem.path.full(problem.path.fit(found.course.path.u, problem.grid), problem.grid), warm=None)
+        return replace(memory, p=problem.path.full(seed.p, problem.grid), rows=seed.rows, warm=seed.warm)
+
+    # ------------------------------------------------------------ the problem from now on
+
+    def _now(self, x: np.ndarray, call: _Call, prior: Prior | ArrayLike | None) -> _Now:
+        """Return the problem from x on. A limit that x is beyond must hold from when the previous path is back within it."""
+        problem, previous = self.problem, call.previous
+        memory = self._fresh if previous is None else self._moved_on(previous, self._elapsed(call))
+        steps = max(1, problem.steps - memory.gone) if self._shrinks else problem.steps
+        u = self._idle.trajectory.u if previous is None else previous.trajectory.u
+        u = u[_onward(len(u), 0 if previous is None else self._elapsed(call), steps)]
+        path = simulate(problem.system, x, u, problem.step)
+        limits = self._limits(memory)
+        constraints, broken = self._constraints(path, limits)
+        floor = problem.floor
+        changed = replace(
+            problem,
+            start=x,
+            duration=steps * problem.step,
+            path=self._family(memory),
+            constraints=constraints,
+            budgets=self._budgets(memory),
+            floor=None if floor is not None and round(floor.seconds / problem.step) > steps else floor,
+            **_knowing(problem, x, prior),
+        )
+        return _Now(changed, memory, u, tuple(limits), broken)
+
+    def _family(self, memory: Memory) -> _Moved:
+        problem = self.problem
+        plain = _Moved(problem.path, problem.steps, memory.by)
+        return replace(plain, flown=tuple(memory.p[~plain.live(problem.grid)].tolist()))
+
+    def _limits(self, memory: Memory) -> dict[int, _Later]:
+        """Return the constraints from now on by their indices, without those whose time is over and those that have been met."""
+        gone = memory.gone * self.problem.step if self._shrinks else 0.0
+        every = {i: _later(each, gone) for i, each in enumerate(self.problem.constraints) if i not in memory.met}
+        return {i: each for i, each in every.items() if each is not None}
+
+    def _constraints(self, path: Trajectory, limits: dict[int, _Later]) -> tuple[tuple[_Later, ...], tuple[Shortfall, ...]]:
+        """Return limits that the start of a path keeps, those that it is beyond from when the path is back within them, and these."""
+        kept, broken = list(limits.values()), []
+        if not kept:
+            return (), ()
+        functions = nodes_of(self.problem.system.model, tuple(kept), ())
+        margins, owner = functions.values(path.x, np.vstack([path.u, path.u[-1:]])), np.array(functions.owner)
+        for i, each in enumerate(kept):
+            lowest = margins[:, owner == i].min(axis=1, initial=inf)
+            if each.when.anywhere or each.when.first != 0.0 or lowest[0] >= 0:
+                continue
+            size, unit = each.size
+            broken.append(Shortfall(str(each), 0.0, float(-lowest[0] * size), unit, float(lowest[0])))
+            first = (int(np.argmax(lowest >= 0)) or path.steps) * self.problem.step
+            last = each.when.last
+            kept[i] = replace(each, when=Span(first, last if last is None else max(first, last)))
+        return tuple(kept), tuple(broken)
+
+    def _budgets(self, memory: Memory) -> tuple[Any, ...]:
+        """Return what is left of each budget; next to nothing of one that is used up."""
+        pairs = zip(self.problem.budgets, memory.spent, strict=True)
+        return tuple(replace(each, at_most=max(each.at_most - spent, 1e-9 * each.at_most)) for each, spent in pairs)
+
+    # ------------------------------------------------------------ time
+
+    @property
+    def _shrinks(self) -> bool:
+        return self.horizon == "shrinking"
+
+    @property
+    def _period(self) -> int:
+        """Steps per parameter of one input: moved by so many, a path of the family is of the family again."""
+        grid = self.problem.grid
+        return max(1, grid.steps * len(grid.names) // max(1, len(self._fresh.p)))
+
+    @cached_property
+    def _fresh(self) -> Memory:
+        problem = self.problem
+        middle = problem.path.fit(np.tile(problem.grid.centre, (problem.steps, 1)), problem.grid)
+        return Memory(0, middle, 0, spent=(0.0,) * len(problem.budgets))
+
+    def _steps(self, what: str, seconds: float | None) -> int:
+        found = whole_multiple(seconds, self.problem.step) if isinstance(seconds, Real) and seconds > 0 else None
+        if found is None:
+            raise InputError(f"{what} is {seconds!r}: must be a whole multiple of the step {self.problem.step:g} s")
+        return found
+
+    def _elapsed(self, call: _Call) -> int:
+        """Steps since the previous plan, the nearest number of them."""
+        if call.elapsed is None:
+            return self._steps("every", self.every)
+        if not _is_time(call.elapsed):
+            raise InputError(f"elapsed is {call.elapsed!r}: must be a finite number of seconds, at least 0")
+        return round(call.elapsed / self.problem.step)
+
+    def _moved_on(self, previous: Plan, steps: int) -> Memory:
+        """Return a plan's memory so many steps later."""
+        problem, memory = self.problem, previous.memory
+        gone, by, p = memory.gone + steps, memory.by + steps, memory.p
+        rows = None if memory.rows is None else replace(memory.rows, node=memory.rows.node - steps)
+        if self._shrinks:
+            met, spent = self._accounts(previous, steps)
+            return replace(memory, gone=gone, by=min(by, problem.steps - 1), rows=rows, met=met, spent=spent)
+        whole = by // self._period * self._period
+        if whole:
+            u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)  # pyright: ignore
+            p = problem.path.fit(u[_onward(len(u), whole, len(u))], problem.grid)
+        return replace(memory, gone=gone, by=by - whole, p=p, rows=rows)
+
+    def _accounts(self, previous: Plan, steps: int) -> tuple[frozenset[int], tuple[float, ...]]:
+        """Return which limits that count once have been met by now, and what is spent of each budget, as planned."""
+        problem, memory, path = self.problem, previous.memory, previous.trajectory
+        flown = min(steps, path.steps)
+        if not flown or not (problem.budgets or any(each.span.anywhere for each in problem.constraints)):
+            return memory.met, memory.spent
+        functions = nodes_of(problem.system.model, problem.constraints, tuple(each.cost for each in problem.budgets))
+        values = functions.values(path.x[: flown + 1], np.vstack([path.u, path.u[-1:]])[: flown + 1])
+        t = (memory.gone + np.arange(flown + 1)) * problem.step
+        met, owner = set(memory.met), np.array(functions.owner)
+        for i, each in enumerate(problem.constraints):
+            first, last = (problem.longest if time is None else time for time in (each.span.first, each.span.last))
+            within = (t >= first - 1e-9) & (t <= last + 1e-9)
+            if each.span.anywhere and (values[np.ix_(within, owner == i)].min(axis=1, initial=inf) >= 0).any():
+                met.add(i)
+        costs = values[:-1, functions.margins :].sum(axis=0) * problem.step
+        return frozenset(met), tuple(float(a + b) for a, b in zip(memory.spent, costs, strict=True))
+
+
+# ---------------------------------------------------------------- parts
+
+
+def _improved(problem: DesignProblem, known: _Course, seed: _Seed, limits: Limits, rounds: int, patient: bool) -> _Found:
+    """Climb, look between the nodes, tighten, climb again, until a path is known that keeps all limits; patient: this climb's own."""
+    best, status, done, began = known, Status.TIME_LIMIT, 0, perf_counter()
+    for _ in range(rounds):
+        if perf_counter() >= limits.deadline:
+            break
+        solution = climb(Program(problem, seed.rows), aim_of(problem), seed.p, seed.warm, limits=limits)
+        course = _Course(problem, _flown(problem, solution.p))
+        best, status, done = course.or_better(best), solution.status, done + solution.iterations
+        # a climb that has not come to terms with its rows yet says nothing about what they leave out
+        rows = tightened(problem, course.path, seed.rows) if course.short and solution.violation <= FEASIBLE else None
+        seed = _Seed(solution.p, seed.rows if rows is None else rows, solution.warm)
+        if not (course.short if patient else best.short):
+            break
+    return _Found(best, seed, status, (perf_counter() - began) / done if done else 0.0)
+
+
+def _flown(problem: DesignProblem, p: np.ndarray) -> Trajectory:
+    u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float)  # pyright: ignore[reportArgumentType]  # serves both kinds
+    return simulate(problem.system, problem.x0, u.reshape(problem.steps, -1), problem.step)
+
+
+def _is_time(value: object) -> bool:
+    return isinstance(value, Real) and isfinite(value) and value >= 0
+
+
+def _until(call: _Call, pace: float) -> float:
+    """Return after when no iteration may begin."""
+    if call.deadline is None:
+        return inf
+    if not isinstance(call.deadline, Real) or isnan(call.deadline):
+        raise InputError(f"deadline is {call.deadline!r}: must be a number of seconds")
+    return call.began + call.deadline - _SPARE * pace - _AFTER
+
+
+def _knowing(problem: DesignProblem, x: np.ndarray, prior: Prior | ArrayLike | None) -> dict[str, Any]:
+    """Return what of a problem is different with a prior of x (n,): `known`, or the priors of criterion and draws."""
+    robust, changes = problem.robust, {}
+    information = prior.information if isinstance(prior, Prior) else None if prior is None else as_array("prior", prior)
+    if robust is not None:
+        covariance = robust.prior.covariance if information is None else _inverse(information)
+        changes["robust"] = replace(robust, prior=Prior(x, covariance=covariance))
+    if information is not None and isinstance(problem.criterion, Posterior):
+        changes["criterion"] = replace(problem.criterion, prior=Prior(x, covariance=_inverse(information)))
+    elif information is not None:
+        changes["known"] = information
+    return changes
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    found = np.linalg.inv(information)
+    return (found + found.T) / 2
+
+
+def _later(constraint: AbstractConstraint, gone: float) -> _Later | None:
+    """Return a constraint as of `gone` [s] later, None where its time is over."""
+    span = constraint.span
+    first, last = (None if time is None else max(0.0, time - gone) for time in (span.first, span.last))
+    over = span.last is not None and span.last < gone - 1e-9
+    return None if over else _Later(constraint, Span(first, last, span.anywhere))
+
+
+def _carried(rows: Rows, memory: Memory, limits: tuple[int, ...]) -> tuple[Rows, Warm | None]:
+    """Return rows with the last climb's allowances, and its multipliers for them, at the same instants."""
+    old, warm = memory.rows, memory.warm
+    if old is None or memory.limits != limits:
+        return rows, warm
+    same = _same(rows, old)
+    rows = replace(rows, allowance=np.append(old.allowance, 0.0)[same])
+    if warm is None:
+        return rows, None
+    before, count = warm.multipliers, len(old.node)
+    moved = np.concatenate([np.append(before.rows[:count], 0.0)[same], before.rows[count:]])
+    multipliers = Multipliers(before.matrices, before.floors, moved, before.price)
+    return rows, replace(warm, multipliers=multipliers, radius=max(warm.radius, _RADIUS))
+
+
+def _same(rows: Rows, old: Rows) -> np.ndarray:
+    """Return for each row the index of the old one at its instant, -1 without one; what counts at one instant only stays the same."""
+    shape = [max(each.max(initial=0) for each in pair) + 1 for pair in ((rows.node, old.node), (rows.margin, old.margin))]
+    place, single = np.full(shape, -1), np.full(shape[1], -1)
+    ahead = np.flatnonzero(old.node >= 0)
+    place[old.node[ahead], old.margin[ahead]] = ahead
+    single[old.margin] = np.arange(len(old.node))
+    once = np.bincount(rows.margin, minlength=shape[1])[rows.margin] == 1
+    return np.where(once, single[rows.margin], place[rows.node, rows.margin])

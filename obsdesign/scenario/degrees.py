@@ -1,0 +1,62 @@
+"""Angles in degrees: under their key with the suffix _deg."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from obsdesign.scenario.schema import Scenario
+
+SUFFIX = "_deg"
+_SPREADS = ("sigma", "bias_floor", "sigma_per_metre")  # in the unit of what a sensor measures
+_OTHERS = ("rate", "inflation", "correlation", "max_range", "beacon")  # of a sensor
+_NO_ANGLES = ("vehicle", "time", "path", "prices", "budgets", "floor", "robust", "flight", "validation", "selection")
+
+
+def in_radians(value: Any) -> Any:  # noqa: ANN401  # whatever TOML can hold
+    """Return TOML data with every number under a key that ends in _deg converted to radians, under the key without it."""
+    if isinstance(value, Mapping):
+        return {_without(key, item): _converted(key, item) for key, item in value.items()}
+    return [in_radians(item) for item in value] if isinstance(value, list) else value
+
+
+def no_angles(data: Mapping[str, Any], scenario: Scenario) -> Iterator[tuple[str | int, ...]]:
+    """Yield where the data of a valid scenario give something in degrees that is no angle."""
+    for location in _in_degrees(data, ()):
+        if not _may_be_angle(scenario, location):
+            yield location
+
+
+def _in_degrees(value: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:  # noqa: ANN401
+    parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in parts:
+        if isinstance(key, str) and key.endswith(SUFFIX) and _is_angle(item):
+            yield (*location, key)
+        else:
+            yield from _in_degrees(item, (*location, key))
+
+
+def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
+    name, signals = str(location[-1]).removesuffix(SUFFIX), (*scenario.vehicle.states, *scenario.vehicle.inputs)
+    unit = next((signal.unit for signal in signals if signal.name == name), "rad")
+    if location[0] == "sensors":
+        measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
+        return name not in _OTHERS and (measures_angles or name not in _SPREADS)
+    return unit.startswith("rad") and not set(_NO_ANGLES) & set(location[:-1])
+
+
+def _is_angle(item: Any) -> bool:  # noqa: ANN401
+    numbers = item if isinstance(item, list) else [item]
+    return all(isinstance(number, (int, float)) and not isinstance(number, bool) for number in numbers)
+
+
+def _without(key: str, item: Any) -> str:  # noqa: ANN401
+    return key.removesuffix(SUFFIX) if _is_angle(item) else key
+
+
+def _converted(key: str, item: Any) -> Any:  # noqa: ANN401
+    if not (key.endswith(SUFFIX) and _is_angle(item)):
+        return in_radians(item)
+    return [math.radians(number) for number in item] if isinstance(item, list) else math.radians(item)

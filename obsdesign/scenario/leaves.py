@@ -1,0 +1,105 @@
+"""Tables that name a class under `kind`: how they are read, and how a JSON Schema describes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Annotated, Any, Union
+
+from pydantic import BeforeValidator, Discriminator, GetJsonSchemaHandler, Tag
+from pydantic_core import CoreSchema
+
+import obsdesign.constraints
+import obsdesign.costs
+import obsdesign.paths
+import obsdesign.sensors
+import obsdesign.vehicles
+from obsdesign.families import kinds, leaf
+
+COST = "cost"  # where the keys of a cost are kept beside what it counts for; no key of the file
+_Json = dict[str, Any]
+
+# every class that a table may name under `kind`
+LEAVES = {
+    kind: leaf(package, kind)
+    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs)
+    for kind in kinds(package)
+}
+
+
+def family_of(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run time
+    """Return the union of a family's leaves, told apart by the key `kind`."""
+
+    def kind_of(table: Any) -> str | None:  # noqa: ANN401
+        return table.get("kind") if isinstance(table, dict) else None
+
+    def without_kind(table: dict[str, Any]) -> dict[str, Any]:
+        return {key: _tuples(value) for key, value in table.items() if key != "kind"}
+
+    members = [Annotated[LEAVES[kind], BeforeValidator(without_kind), _Kind(kind), Tag(kind)] for kind in kinds(package)]
+    # a second, empty tag: a union of one member is no union
+    return Annotated[Union[(*members, Annotated[None, Tag("")])], Discriminator(kind_of)]
+
+
+def flat(own: str) -> tuple[Any, ...]:
+    """Return what reads a table of a cost's keys and `own` into one of `cost` and `own`."""
+
+    def apart(table: Any) -> Any:  # noqa: ANN401
+        if not isinstance(table, dict):
+            return table
+        return {key: table[key] for key in (own,) if key in table} | {COST: {key: item for key, item in table.items() if key != own}}
+
+    return BeforeValidator(apart), _Flat(own)
+
+
+def _tuples(value: Any) -> Any:  # noqa: ANN401
+    """Lists become tuples, tables pairs, as leaves keep them."""
+    items = list(value.items()) if isinstance(value, dict) else value
+    return tuple(_tuples(item) for item in items) if isinstance(items, list | tuple) else value
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Makes a leaf's JSON Schema that of its table in a file: with the key `kind`, numbers also in degrees, pairs as a table."""
+
+    kind: str
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
+        found = handler(core)
+        table = handler.resolve_ref_schema(found)
+        if "kind" not in table["properties"]:
+            properties = {key: _as_table(item) for key, item in table["properties"].items()}
+            degrees = {f"{key}_deg": item for key, item in properties.items() if _is_number(item)}
+            needed = [key for key in table.get("required", []) if f"{key}_deg" not in degrees]
+            either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}_deg"]}]} for key in table.get("required", []) if key not in needed]
+            table |= {"properties": {"kind": {"const": self.kind}} | properties | degrees, "required": ["kind", *needed]}
+            table |= {"allOf": either} if either else {}
+        return found
+
+
+def _is_number(schema: _Json) -> bool:
+    return any(each.get("type") == "number" for each in (schema, *schema.get("anyOf", ())))
+
+
+def _as_table(schema: _Json) -> _Json:
+    pair = schema.get("items", {}).get("prefixItems", [])
+    named = [each.get("type") for each in pair] == ["string", "number"]
+    return {"type": "object", "additionalProperties": pair[1]} if named else schema
+
+
+@dataclass(frozen=True)
+class _Flat:
+    """Describes a cost and what it counts for as the one table that they are in a file."""
+
+    own: str
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
+        table = handler.resolve_ref_schema(handler(core))
+        own = table["properties"][self.own]
+        members = next(value for key, value in table["properties"][COST].items() if key in ("anyOf", "oneOf"))
+        leaves = [handler.resolve_ref_schema(member) for member in members if "$ref" in member]
+        return {"anyOf": [_with(each, self.own, own) for each in leaves]}
+
+
+def _with(leaf_schema: _Json, key: str, value: _Json) -> _Json:
+    return leaf_schema | {"properties": leaf_schema["properties"] | {key: value}, "required": [*leaf_schema["required"], key]}
