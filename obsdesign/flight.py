@@ -17,7 +17,7 @@ from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sampling import sampled
-from obsdesign.planner import Horizon, Plan, Planner
+from obsdesign.planner import ITERATIONS, Horizon, Plan, Planner
 from obsdesign.prior import Prior
 from obsdesign.simulation import as_state, readings, states_from
 from obsdesign.status import Status
@@ -84,13 +84,13 @@ def fly(
     deadline: float | None = None,
     truth: ArrayLike | None = None,
     horizon: Horizon = "receding",
-    planner: Planner | None = None,
+    iterations: int = ITERATIONS,
 ) -> Flight:
     """Fly for `duration` [s], with a new plan every `every` [s] from the mean of an EKF, its information being the plan's prior.
 
     The truth begins at a draw from the prior, or at `truth` (n,); process noise of psd (n,) or (n, n) [unit^2/s] and the sensors'
     noise as in `validate`. Each plan is flown from the instant for which it was made: the time it takes counts for its deadline [s]
-    only. planner: one that is built already. The same seed, the same flight, save for seconds, without a deadline.
+    only. horizon, iterations: those of the `Planner`. The same seed, the same flight, save for seconds, without a deadline.
     Raises InputError for values that do not fit, and what `Planner` raises; in flight nothing is raised.
     """
     steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
@@ -99,7 +99,7 @@ def fly(
     require_count("seed", seed, least=0)
     if deadline is not None:
         require_positive("deadline", deadline)
-    planner = Planner(problem, every, horizon) if planner is None else replace(planner, every=every)
+    planner = Planner(problem, every, horizon, iterations, seed=seed)
     n = problem.x0.size
     if prior.mean.size != n:
         raise InputError(f"prior has {prior.mean.size} states: the system has {n}")

@@ -20,7 +20,8 @@ from obsdesign.checks import as_array, require_count, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Span
 from obsdesign.criteria.posterior import Posterior
 from obsdesign.design.aim import aim_of
-from obsdesign.design.ascent import FEASIBLE, ITERATIONS, Limits, Warm, climb
+from obsdesign.design.ascent import FEASIBLE, Limits, Warm, climb
+from obsdesign.design.ascent import ITERATIONS as TO_THE_END
 from obsdesign.design.choosing import objective_of
 from obsdesign.design.climbing import families_of
 from obsdesign.design.limits import Shortfall, rows_of, shortfalls, tightened
@@ -37,9 +38,11 @@ from obsdesign.simulation import as_state, simulate
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
+ITERATIONS = 1  # of a climb in a warm step
 Horizon = Literal["receding", "shrinking"]
 
 _ROUNDS, _FIRST_ROUNDS = 4, 8  # of climbing again while no path is known that keeps all limits
+_BACK = 1e-3  # by how much climbs stay within every limit, so that one that stops early, and what is between nodes, keeps it too
 _RADIUS = 0.03  # of the trust region at least, in widths of the box: the start has moved since the last climb
 _SPARE, _AFTER = 1.5, 0.015  # left unused before a deadline: iterations' worth of time, and seconds for what follows the climb
 _PACE, _PACE_KEPT = 0.05, 0.8  # seconds an iteration is taken to last before one was timed; share kept where none was made
@@ -281,7 +284,7 @@ class Planner:
     problem: DesignProblem
     every: float | None = None
     horizon: Horizon = "receding"
-    iterations: int = 1
+    iterations: int = ITERATIONS
     starts: int = 4
     seed: int = 0
 
@@ -396,7 +399,7 @@ class Planner:
     def _first(self, now: _Now, known: _Course, until: float) -> _Found:
         """Climb from the most promising starts, coarse families first."""
         plain = self.problem if now.broken else replace(now.problem, constraints=self.problem.constraints)
-        best, limits = _Found(known, None, Status.TIME_LIMIT, 0.0), Limits(ITERATIONS, deadline=until)
+        best, limits = _Found(known, None, Status.TIME_LIMIT, 0.0), Limits(TO_THE_END, deadline=until)
         if perf_counter() >= until:
             return best
         starts = [now.course(u) for _, u in islice(start_inputs(plain, self.seed), self.starts)]
@@ -620,10 +623,11 @@ def _later(constraint: AbstractConstraint, gone: float) -> _Later | None:
 def _carried(rows: Rows, memory: Memory, limits: tuple[int, ...]) -> tuple[Rows, Warm | None]:
     """Return rows with the last climb's allowances, and its multipliers for them, at the same instants."""
     old, warm = memory.rows, memory.warm
+    rows = replace(rows, allowance=np.full(len(rows.node), _BACK))
     if old is None or memory.limits != limits:
         return rows, warm
     same = _same(rows, old)
-    rows = replace(rows, allowance=np.append(old.allowance, 0.0)[same])
+    rows = replace(rows, allowance=np.append(old.allowance, _BACK)[same])
     if warm is None:
         return rows, None
     before, count = warm.multipliers, len(old.node)

@@ -9,8 +9,9 @@ import numpy as np
 
 from obsdesign.design.aim import AbstractAim, weights_of
 from obsdesign.design.local import FEASIBLE, Local, Solved, corrected, local_at, priced, sharpened, slack_if_lighter, solved
-from obsdesign.design.program import Multipliers, Program, Values
+from obsdesign.design.program import Program
 from obsdesign.design.scene import Place, Scene, Terms
+from obsdesign.design.values import Multipliers, Values
 from obsdesign.status import Status
 
 ITERATIONS = 150  # work, not seconds, decides when a climb is given up

@@ -10,8 +10,9 @@ from obsdesign.design.aim import AbstractAim, aim_of
 from obsdesign.design.ascent import TOLERANCE, Limits, Solution, Warm, climb
 from obsdesign.design.limits import rows_of, tightened
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.program import Program, Rows
+from obsdesign.design.program import Program
 from obsdesign.design.threads import one_thread
+from obsdesign.design.values import Rows
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.simulation import simulate
 from obsdesign.status import Status

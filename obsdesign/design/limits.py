@@ -9,7 +9,7 @@ import numpy as np
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.program import Choice, Rows
+from obsdesign.design.values import Choice, Rows
 from obsdesign.information.windows import sliding_information
 from obsdesign.simulation import simulate
 from obsdesign.trajectory import Trajectory

@@ -8,9 +8,9 @@ import numpy as np
 
 from obsdesign.design.aim import AbstractAim, value_of, weights_of
 from obsdesign.design.newton import Active, Face, newton
-from obsdesign.design.program import Multipliers, Slopes
 from obsdesign.design.scene import Place, Scene, Terms, shortfall
 from obsdesign.design.subproblem import Cone, Model, Step, minimised
+from obsdesign.design.values import Multipliers, Slopes
 
 FEASIBLE = 1e-7  # by how much a margin, of order 1, may fall short
 _NEAR = 0.3  # margins below this are in every model; others when a model's solution would break them

@@ -9,23 +9,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, whole_multiple
+from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs._terms import Budget, Price
 from obsdesign.criteria._factor import shadow
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.errors import InputError
+from obsdesign.design.consistency import require_consistent
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.totals import segment_information
 from obsdesign.model import AbstractSystem
-from obsdesign.moment import Moment
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior
 from obsdesign.simulation import as_scale, as_state
 from obsdesign.trajectory import Trajectory
-
-_ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,7 @@ class DesignProblem:
         put(self, "known", np.zeros((self.x0.size,) * 2) if self.known is None else as_array("known", self.known))
         if not isinstance(self.duration, (int, float)):
             put(self, "duration", as_pair("duration", self.duration))
-        _Checks(self).all()
+        require_consistent(self)
 
     @property
     def shortest(self) -> float:
@@ -194,95 +191,3 @@ class DesignProblem:
 
     def __hash__(self) -> int:
         return hash(self._key)
-
-
-@dataclass(frozen=True, eq=False)
-class _Checks:
-    """What must fit together in a problem."""
-
-    problem: DesignProblem
-
-    def all(self) -> None:
-        """Raise InputError for the first thing that does not fit."""
-        self._times()
-        self._inputs()
-        self._states()
-        self.problem.path.box(self.problem.grid)
-        self._start()
-
-    def _times(self) -> None:
-        problem = self.problem
-        require_positive("step", problem.step)
-        for duration in dict.fromkeys((problem.shortest, problem.longest)):
-            require_positive("duration", duration)
-            if whole_multiple(duration, problem.step) is None:
-                raise InputError(f"duration {duration:g} s is no whole multiple of the step {problem.step:g} s")
-        if problem.shortest > problem.longest:
-            raise InputError(f"duration is ({problem.shortest:g}, {problem.longest:g}): the first must not be above the second")
-        if problem.floor is not None:
-            steps = whole_multiple(problem.floor.seconds, problem.step)
-            if steps is None or steps > round(problem.shortest / problem.step):
-                raise InputError(
-                    f"floor: seconds is {problem.floor.seconds:g}: must be a whole multiple of the step {problem.step:g} s"
-                    f" and at most the duration {problem.shortest:g} s"
-                )
-        for constraint in problem.constraints:
-            for time in (constraint.span.first, constraint.span.last):
-                if time is not None and not 0 <= time <= problem.shortest:
-                    raise InputError(f"{constraint}: the time {time:g} s is not within the path, 0 to {problem.shortest:g} s")
-
-    def _inputs(self) -> None:
-        problem, names = self.problem, self.problem.system.model.input_names
-        require_known("bounds", tuple(problem.bounds), names)
-        require_known("rates", tuple(problem.rates), names)
-        for name in names:
-            if name not in problem.bounds:
-                raise InputError(f"bounds of {name} are missing: every known input needs (low, high)")
-            low, high = problem.bounds[name]
-            if low >= high:
-                raise InputError(f"bounds of {name} are ({low:g}, {high:g}): low must be below high")
-        for name, rate in problem.rates.items():
-            require_positive(f"rates: {name}", rate)
-        state = dict.fromkeys(problem.system.model.state_names, 0.0)
-        moment = Moment(state, state, dict(zip(names, problem.grid.centre.tolist(), strict=True)), problem.system.model.landmarks)
-        for term in (*problem.prices, *problem.budgets):
-            term.cost.rate(moment)  # raises InputError for inputs that the vehicle does not have
-
-    def _states(self) -> None:
-        problem, names = self.problem, self.problem.system.model.state_names
-        n = len(names)
-        require_known("about", problem.about, names)
-        if len(set(problem.about)) != len(problem.about):
-            raise InputError(f"about is {problem.about}: names a state twice")
-        known = np.asarray(problem.known)
-        lowest = np.linalg.eigvalsh(known)[0] if known.shape == (n, n) and np.isfinite(known).all() else -np.inf
-        if lowest < -1e-9 * max(np.abs(known).max(initial=0.0), 1e-300) or np.abs(known - known.T).max() > 1e-9 * np.abs(known).max():
-            raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
-        if problem.robust is not None and problem.robust.prior.mean.size != n:
-            raise InputError(f"robust: the prior has {problem.robust.prior.mean.size} states: the system has {n} ({', '.join(names)})")
-        if problem.robust is not None and problem.criterion.knowledge is not None:
-            raise InputError("robust: a posterior criterion has a prior of its own; use one of the two")
-        if problem.floor is not None and problem.criterion.knowledge is not None:
-            raise InputError("floor: a posterior criterion has no windows; use another criterion")
-
-    def _start(self) -> None:
-        problem, model = self.problem, self.problem.system.model
-        for constraint in problem.constraints:
-            require_known(f"{constraint}: the state", constraint.states, model.state_names)
-        if model.landmarks:
-            place = tuple(problem.x0[list(problem.position)])
-            for point in model.landmarks:
-                if place == tuple(point):
-                    raise InputError(f"start lies on the landmark {point}: range and bearing have no derivative there")
-        state = dict(zip(model.state_names, problem.x0.tolist(), strict=True))
-        moment = Moment(state, {}, {}, model.landmarks)
-        for constraint in problem.constraints:
-            if constraint.span.anywhere or constraint.span.first != 0.0:
-                continue
-            try:
-                margins = constraint.margins(moment)
-            except KeyError:  # needs a rate, which the start does not have
-                continue
-            if min(margins, default=0.0) < -_ROUNDING:
-                where = ", ".join(f"{name} = {state[name]:g}" for name in constraint.states)
-                raise InputError(f"start ({where}) violates {constraint}")

@@ -2,120 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-import casadi as ca
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.recursion import gramian_recursion, posterior_recursion
+from obsdesign.design.steering import inputs_of
+from obsdesign.design.values import Multipliers, Rows, Slopes, Values
 from obsdesign.design.variation import Along, Injected, Linear, Variation, carried
 from obsdesign.information.sampling import sampled
 from obsdesign.model import Model
 from obsdesign.packing import lower_indices, unpacked
-from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.step import CACHED
-
-
-@dataclass(frozen=True, eq=False)
-class Inputs:
-    """How parameters become inputs: u (N, m), du/dp (N, m, q), and the Hessian of weights'u; margins of the rates of change."""
-
-    value: ca.Function
-    slope: ca.Function
-    bend: ca.Function
-    rates: ca.Function
-    is_linear: bool
-
-
-@lru_cache(CACHED)
-def inputs_of(path: AbstractPath, grid: Grid) -> Inputs:
-    """Return the functions of a path family on a grid; inputs row by row, all of a step side by side."""
-    p = ca.SX.sym("p", len(path.box(grid)[0]))
-    u = ca.vec(ca.SX(path.inputs(p, grid)).T)
-    weights, slope = ca.SX.sym("weights", u.numel()), ca.jacobian(u, p)
-    rates = ca.SX(path.rates(p, grid))
-    is_linear = not ca.depends_on(slope, p)
-    bend = ca.SX(p.numel(), p.numel()) if is_linear else ca.hessian(ca.dot(weights, u), p)[0]
-    return Inputs(
-        ca.Function("u", [p], [ca.densify(u)]),
-        ca.Function("slope", [p], [ca.densify(slope)]),
-        ca.Function("bend", [p, weights], [ca.densify(bend)]),
-        ca.Function("rates", [p], [ca.densify(ca.vec(rates)), ca.densify(ca.jacobian(ca.vec(rates), p))]),
-        is_linear,
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """Rows that must hold together at one node only, any of `nodes`: they are taken where they hold best."""
-
-    rows: np.ndarray
-    nodes: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Which margins must hold at which nodes, and by how much more than 0: node, margin and allowance (r,)."""
-
-    node: np.ndarray
-    margin: np.ndarray
-    allowance: np.ndarray
-    choices: tuple[Choice, ...] = ()
-
-    def placed(self, margins: np.ndarray) -> np.ndarray:
-        """Return the node (r,) of every row for margins (N+1, .) at all nodes."""
-        if not self.choices:
-            return self.node
-        node = self.node.copy()
-        for choice in self.choices:
-            least = margins[np.ix_(choice.nodes, self.margin[choice.rows])].min(axis=1)
-            node[choice.rows] = choice.nodes[int(least.argmax())]
-        return node
-
-
-@dataclass(frozen=True, eq=False)
-class Values:
-    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0 at node, price."""
-
-    p: np.ndarray
-    along: Along
-    windows: Along | None
-    matrices: np.ndarray
-    floors: np.ndarray
-    rows: np.ndarray
-    price: float
-    node: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Slopes:
-    """First derivatives: matrices (b, q, n, n), floors (f, q, n, n), rows (r, q), price (q,), and what second ones are made of."""
-
-    matrices: np.ndarray
-    floors: np.ndarray
-    rows: np.ndarray
-    price: np.ndarray
-    M: np.ndarray
-    G: np.ndarray
-    windows: np.ndarray | None
-
-
-@dataclass(frozen=True, eq=False)
-class Multipliers:
-    """What the Lagrangian counts the matrices (b, n, n), the floors (f, n, n), the rows (r,) and the price for, all >= 0."""
-
-    matrices: np.ndarray
-    floors: np.ndarray
-    rows: np.ndarray
-    price: float
-
-    def times(self, factor: float) -> Multipliers:
-        """Return all of them multiplied."""
-        return Multipliers(self.matrices * factor, self.floors * factor, self.rows * factor, self.price * factor)
 
 
 class Program:
@@ -133,7 +34,7 @@ class Program:
         self._inputs = inputs_of(problem.path, problem.grid)
         costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
         self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs) if problem.constraints or costs else None
-        self.rows = Rows(*(np.zeros(0, dtype=kind) for kind in (int, int, float))) if rows is None else rows
+        self.rows = Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0)) if rows is None else rows
         # the path itself comes first; draws of the prior, where there are any, are judged in its place
         draws = [] if problem.robust is None else [problem.robust.draws(problem.robust.samples, 0)]
         self._starts = np.vstack([problem.x0[None], *draws])

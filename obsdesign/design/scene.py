@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.design.aim import AbstractAim, value_of
-from obsdesign.design.program import Program, Slopes, Values
+from obsdesign.design.program import Program
+from obsdesign.design.values import Slopes, Values
 
 
 @dataclass(frozen=True, eq=False)

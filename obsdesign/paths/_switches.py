@@ -63,7 +63,11 @@ def fitted(rate: np.ndarray, values: np.ndarray, tau: float, grid: Grid) -> np.n
     for _ in range(_AGAIN):
         times = np.unique(np.concatenate([lattice, known]))
         starts = [np.sort(random.integers(0, len(times), len(values) - 1)) for _ in range(_STARTS)]
-        starts.append(np.searchsorted(times, known if len(known) else _hard(rate, values) * grid.step))
+        first = np.searchsorted(times, known if len(known) else _hard(rate, values) * grid.step)
+        starts.append(first)
+        for _ in range(_STARTS):
+            other = first.copy(); k = random.integers(0, len(first), 2); other[k] = random.integers(0, len(times), 2)
+            starts.append(np.sort(other))
         table = _Table(rate, values, tau, grid, times)
         ends = {tuple(table.settled(start)) for start in starts}
         ends = sorted(ends, key=lambda e: table.squares_of(e))

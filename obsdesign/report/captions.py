@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from obsdesign.report import facts
+from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.naming import path_in_words
@@ -49,6 +50,21 @@ def on_the_inputs(study: Study) -> str:
     """Say what the input histories show."""
     between = "between" if len(study.scenario.design.bounds) == 1 else "each between"
     return f"What is asked of the vehicle, {between} its dotted bounds; the straight path, inputs as near 0 as they allow, is left out."
+
+
+def on_the_clearance(study: Study) -> str:
+    """Say what keeps a path clear of the circle."""
+    return (
+        "√(f² + (T ḟ)²) with f the distance from the circle through the beacons and T the constraint's time scale: 0 is moving along the "
+        "circle, on which bearings to the three cannot tell how far along it one is; the dotted line is the least that is allowed. "
+        f"On {path_in_words(study.baseline)} it is {_clearances(study)}."
+    )
+
+
+def _clearances(study: Study) -> str:
+    low, ours = (min(values[0].min() for values in clearances(study, name)) for name in (study.baseline, facts.DESIGNED))
+    low = 0.0 if low < 1e-9 else low
+    return f"{rounded(low)}{NARROW}m at least, on the designed path {rounded(ours)}{NARROW}m"
 
 
 def on_the_raster(study: Study) -> str:

@@ -11,6 +11,7 @@ from markupsafe import Markup, escape
 
 from obsdesign.report import captions, facts, tables, wording
 from obsdesign.report.designing import design_in_words
+from obsdesign.report.figures.clearance import clearance_figure
 from obsdesign.report.figures.consistency import consistency_figure
 from obsdesign.report.figures.eigenvectors import eigenvectors_figure
 from obsdesign.report.figures.errors import errors_figure
@@ -101,13 +102,14 @@ def _can(study: Study) -> Part:
 
 
 def _how(study: Study) -> Part:
-    pictures = (
-        Picture(path_figure(study), captions.on_the_map(study)),
-        Picture(spectrum_figure(study), captions.on_the_spectrum(study)),
-        Picture(eigenvectors_figure(study), captions.on_the_eigenvectors(study)),
-        Picture(inputs_figure(study), captions.on_the_inputs(study)),
+    drawings = (
+        (path_figure, captions.on_the_map),
+        (spectrum_figure, captions.on_the_spectrum),
+        (eigenvectors_figure, captions.on_the_eigenvectors),
+        (inputs_figure, captions.on_the_inputs),
+        (clearance_figure, captions.on_the_clearance),
     )
-    shown = tuple(picture for picture in pictures if picture.svg)
+    shown = tuple(Picture(svg, caption(study)) for drawing, caption in drawings if (svg := drawing(study)))
     starts = tuple(tables.starts_table(study, i) for i in range(len(study.suites)))
     found = tuple(design_in_words(study, i) for i in range(len(study.suites)))
     notes = (*found, *wording.caps(study), wording.weave_in_words(study))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,13 +12,13 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 import obsdesign
-from obsdesign.design.record import Design
+from obsdesign.design.record import Design, Evidence
 from obsdesign.information.shares import Contributions
 from obsdesign.report.expectations import Expectation, expectations
 from obsdesign.study import Analysis, Candidate, Quality, Selection, Study
 from obsdesign.validation import Validation
 
-SCHEMA_VERSION = "1.1"
+SCHEMA_VERSION = "1.2"
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
 
 
@@ -75,10 +76,21 @@ class ContributionPart(_Part):
     in_words: str
 
 
+class ShortfallPart(_Part):
+    """A limit that a path breaks."""
+
+    what: str
+    time: float = Field(description="when it is broken most [s]")
+    by: float = Field(description="in `unit`")
+    unit: str
+
+
 class PathPart(_Part):
     """A path and its quality for each suite of sensors."""
 
-    feasible: bool = Field(description="whether it satisfies every constraint of the design")
+    feasible: bool = Field(description="whether it satisfies every limit of the design")
+    shortfalls: list[ShortfallPart] = Field(description="the limits that it breaks, worst first")
+    duration: float = Field(description="[s]")
     quality: dict[str, QualityPart]
     contributions: dict[str, ContributionPart] = Field(description="by state; all sensors on")
 
@@ -88,9 +100,10 @@ class StartPart(_Part):
 
     name: str
     status: str
-    value: Number = Field(description="recomputed; null: no answer")
+    value: Number = Field(description="the objective, recomputed; null: no answer")
     iterations: int
-    residual: Number = Field(description="larger of IPOPT's primal and dual infeasibility at the last iterate")
+    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
+    refined: bool = Field(description="false: left in a coarser family, as another start was better there")
 
 
 class CapPart(_Part):
@@ -101,12 +114,46 @@ class CapPart(_Part):
     reached: bool
 
 
+class OptimumPart(_Part):
+    """A local optimum and the starts that came to it."""
+
+    value: float = Field(description="the objective")
+    starts: list[str]
+
+
+class RobustnessPart(_Part):
+    """The criterion over fresh draws of the prior, the same inputs for all."""
+
+    draws: int
+    worst: float
+    five_percent: float = Field(description="95 % of the draws are above it")
+    mean: float
+
+
+class EvidencePart(_Part):
+    """How much better another path might be: evidence, not proof."""
+
+    estimate: Number = Field(description="no path above it was met in `climbs` climbs along the dual question")
+    remaining: Number = Field(description="1 - value / estimate")
+    dual: list[list[float]] = Field(description="Z >= 0, trace 1 over the judged states, of the estimate")
+    climbs: int
+    in_words: str
+
+
 class DesignPart(_Part):
     """The path designed for a suite of sensors."""
 
     status: str
     value: Number = Field(description="criterion of S W S, recomputed; null: no answer")
+    objective: Number = Field(description="what was maximised: the value, of the prior's draws if robust, less prices")
+    eigenvalues: list[Number] = Field(description="the two smallest of S W S")
+    duration: float = Field(description="[s]")
+    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
+    iterations: int
     cap: CapPart | None
+    optima: list[OptimumPart] = Field(description="distinct ones among the refined starts, best first")
+    robustness: RobustnessPart | None
+    evidence: EvidencePart | None
     starts: list[StartPart]
 
 
@@ -227,21 +274,34 @@ def _verdict(analysis: Analysis) -> VerdictPart:
 
 
 def _design(design: Design) -> DesignPart:
-    cap = design.cap
+    cap, robustness, evidence = design.cap, design.robustness, design.evidence
     return DesignPart(
         status=design.status.name,
         value=design.value,
+        objective=design.objective,
+        eigenvalues=list(design.eigenvalues),
+        duration=design.problem.longest,
+        residual=design.residual,
+        iterations=design.iterations,
         cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
-        starts=[
-            StartPart(name=start.name, status=start.status.name, value=start.value, iterations=start.iterations, residual=start.residual)
-            for start in design.starts
-        ],
+        optima=[OptimumPart(value=each.value, starts=list(each.starts)) for each in design.optima],
+        robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
+        evidence=None if evidence is None else _evidence(evidence),
+        starts=[StartPart(**asdict(start) | {"status": start.status.name}) for start in design.starts],
+    )
+
+
+def _evidence(found: Evidence) -> EvidencePart:
+    return EvidencePart(
+        estimate=found.estimate, remaining=found.remaining, dual=found.Z.tolist(), climbs=found.climbs, in_words=found.in_words
     )
 
 
 def _path(study: Study, candidate: Candidate) -> PathPart:
     return PathPart(
         feasible=candidate.feasible,
+        shortfalls=[ShortfallPart(what=each.what, time=each.time, by=each.by, unit=each.unit) for each in candidate.shortfalls],
+        duration=candidate.duration,
         quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
         contributions=_contributions(candidate.contributions),
     )

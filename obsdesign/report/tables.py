@@ -233,7 +233,7 @@ def _cap_cell(study: Study, candidate: Candidate, quality: Quality) -> Cell:
     cap, design = facts.cap_for(study, quality.sensors), study.designs[study.suites.index(quality.sensors)]
     if cap is None:
         return Cell("no cap")
-    if candidate.duration != design.duration:
+    if candidate.duration != design.problem.longest:
         return Cell(DASH)
     short = 1 - facts.value_of(study, quality) / cap.value
     return Cell("cap reached", "good") if short <= 1e-6 else Cell(rounded(100 * short))

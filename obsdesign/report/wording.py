@@ -121,7 +121,7 @@ def _cap(study: Study, i: int) -> str:
     block = ", ".join(cap.states)
     what = f"With {suite}: the information about ({block}) is the same on every path, so no path exceeds the cap {rounded(cap.value)}"
     found = "reaches it" if design.reaches_cap else f"stays {percent(1 - design.value / cap.value)} below it"
-    same = [candidate for candidate in study.candidates if candidate.duration == design.duration]
+    same = [candidate for candidate in study.candidates if candidate.duration == design.problem.longest]
     below = [candidate for candidate in same if candidate.qualities[i].value < cap.value * (1 - 1e-6)]
     reasons = [f"{candidate.name} {percent(facts.outside_share(study, candidate.qualities[i], cap))}" for candidate in below]
     lean = "A path stays below where its weakest direction leans on states outside that block; share outside"

@@ -19,7 +19,7 @@ INK, QUIET, FAINT = "#222222", "#767676", "#d4d4d4"
 
 # colour of each path, the same in every figure
 PATH_COLOURS = {STRAIGHT: VERMILLION, WEAVE: QUIET, DESIGNED: BLUE}
-OTHER_PATHS = (GREEN, PURPLE, ORANGE)
+OTHER_PATHS = (GREEN, PURPLE, ORANGE, SKY, INK)
 
 _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "obsdesign",

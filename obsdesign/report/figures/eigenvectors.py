@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.facts import DESIGNED, STRAIGHT, cleaned, sensors_in_words
+from obsdesign.report.facts import DESIGNED, cleaned, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg
 from obsdesign.study import Study
 
@@ -26,11 +26,11 @@ class Panel:
 
 
 def eigenvectors_figure(study: Study) -> str:
-    """Draw the eigenvectors of S W S for the straight and the designed path, one row per suite of sensors."""
+    """Draw the eigenvectors of S W S for the baseline and the designed path, one row per suite of sensors."""
     panels = [
         Panel(f"{name}, {sensors_in_words(study, quality.sensors)}", cleaned(quality), quality.vectors)
         for suite in range(len(study.suites))
-        for name in (STRAIGHT, DESIGNED)
+        for name in (study.baseline, DESIGNED)
         for quality in (study.candidate(name).qualities[suite],)
     ]
     return eigenvectors_picture(panels, study.scenario.state_names)

@@ -42,7 +42,7 @@ def errors_figure(study: Study) -> str:
 
 
 def case_colour(check: Check) -> str:
-    """Return the colour of a case: blue for the designed path, red for the straight one, dark for the chosen schedule."""
+    """Return the colour of a case: blue for the designed path, red for the baseline, dark for the chosen schedule."""
     colours = {(True, True): BLUE, (True, False): SKY, (False, True): VERMILLION, (False, False): ORANGE}
     return colours[check.path == DESIGNED, check.schedule == CHOSEN]
 

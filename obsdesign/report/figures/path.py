@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Ellipse
+from matplotlib.patches import Ellipse
 
-from obsdesign.constraints.goal import Goal
-from obsdesign.constraints.keep_out import KeepOut
-from obsdesign.constraints.stand_off import StandOff
-from obsdesign.report.facts import DESIGNED, STRAIGHT, position_covariances, segment_shares
-from obsdesign.report.figures._drawing import GREEN, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
+from obsdesign.report.facts import DESIGNED, position_covariances, segment_shares
+from obsdesign.report.figures._drawing import INK, WIDTH, inline_svg, light_grid
+from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.report.rounding import NARROW, plain, rounded
-from obsdesign.study import Study
+from obsdesign.study import SHORTEST, WEAVE, Study
 
 SIGMAS = 2.0  # half axes of the ellipses
 _ELLIPSES = 12
+_WIDER = 1.4  # how much larger the map may become for a path that would otherwise leave it
 _DASHES = ("-", "--", ":", "-.")
 
 
@@ -54,11 +55,10 @@ def ellipse_factor(study: Study) -> int:
     return max([factor for factor in factors if factor * typical <= 0.04 * float(np.max(high - low))], default=1)
 
 
-def leaves_the_map(study: Study) -> bool:
-    """Whether the straight path goes on beyond the frame."""
+def leaving(study: Study) -> tuple[str, ...]:
+    """Names of the paths that go on beyond the frame."""
     low, high = _view(study)
-    place = _positions(study, STRAIGHT)
-    return bool(np.any((place < low) | (place > high)))
+    return tuple(each.name for each in study.candidates if np.any((place := _positions(study, each.name)) < low) or np.any(place > high))
 
 
 def _positions(study: Study, name: str) -> np.ndarray:
@@ -66,7 +66,7 @@ def _positions(study: Study, name: str) -> np.ndarray:
 
 
 def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) of the frame [m]: everything but the straight path, with a margin."""
+    """Corners (2,) of the frame [m]: what the map is about and the ellipses, with a margin."""
     low, high = _extent(study)
     place, reach = _positions(study, DESIGNED)[_instants(study)], ellipse_factor(study) * _half_axes(study)[:, None]
     low, high = np.minimum(low, (place - reach).min(axis=0)), np.maximum(high, (place + reach).max(axis=0))
@@ -75,57 +75,43 @@ def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _extent(study: Study) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) [m] of all paths but the straight one, landmarks, goals and circles."""
-    points = [_positions(study, candidate.name) for candidate in study.candidates if candidate.name != STRAIGHT]
-    points += [np.array([centre]) + side * radius for centre, radius, _ in _circles(study) for side in (-1, 1)]
+    """Corners (2,) [m] of the designed paths, landmarks and constraints, and of other paths that do not need a much larger map."""
+    needed = [each.name for each in study.candidates if each.name in (SHORTEST, WEAVE) or each.name.startswith(DESIGNED)]
+    points = [_positions(study, name) for name in needed]
+    points += [shape.points for shape in _shapes(study) if not shape.wide]
     points += [np.array([point]) for point in study.scenario.system.model.landmarks]
-    return np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+    low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+    size = float(np.max(high - low))
+    for name in (each.name for each in study.candidates if each.name not in needed):
+        place = _positions(study, name)
+        lower, higher = np.minimum(low, place.min(axis=0)), np.maximum(high, place.max(axis=0))
+        if np.max(higher - lower) <= _WIDER * size:
+            low, high = lower, higher
+    return low, high
 
 
-def _circles(study: Study) -> list[tuple[tuple[float, float], float, str]]:
-    """(centre, radius [m], kind) of every circle that the constraints draw."""
-    found: list[tuple[tuple[float, float], float, str]] = []
-    for constraint in study.scenario.design.constraints:
-        match constraint:
-            case Goal(point=point, tolerance=radius):
-                found.append((point, radius, "goal"))
-            case KeepOut(centre=centre, radius=radius):
-                found.append((centre, radius, "keep out"))
-            case StandOff(distance=distance):
-                found += [(point, distance, "stand-off") for point in study.scenario.system.model.landmarks]
-    return found
+def _shapes(study: Study) -> list[Shape]:
+    return shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
 
 
 def _draw_map(study: Study, axes: Axes) -> None:
     light_grid(axes)
-    looks = {
-        "goal": {"facecolor": "#009E7330", "edgecolor": GREEN},
-        "keep out": {"facecolor": "#D55E0030", "edgecolor": VERMILLION, "hatch": "///"},
-        "stand-off": {"facecolor": "#00000010", "edgecolor": QUIET, "linestyle": "--"},
-    }
-    drawn: set[str] = set()
-    for centre, radius, kind in _circles(study):
-        text = "_" if kind in drawn else f"{kind}, {plain(radius)}{NARROW}m"
-        axes.add_patch(Circle(centre, radius, label=text, zorder=1, **looks[kind]))
-        drawn.add(kind)
-    landmarks = np.array(study.scenario.system.model.landmarks).reshape(-1, 2)
-    if len(landmarks):
-        axes.plot(*landmarks.T, linestyle="none", marker="^", markersize=8, color=INK, label="beacon", zorder=4)
+    draw_shapes(axes, _shapes(study))
+    draw_landmarks(axes, study.scenario.system.model.landmarks)
 
 
 def _draw_baselines(study: Study, axes: Axes) -> None:
-    names = [candidate.name for candidate in study.candidates if candidate.name != DESIGNED]
+    names, gone = [candidate.name for candidate in study.candidates if candidate.name != DESIGNED], leaving(study)
     for i, name in enumerate(names):
-        text = "straight, leaves the map" if name == STRAIGHT and leaves_the_map(study) else name
+        text = f"{name}, leaves the map" if name in gone else name
         axes.plot(*_positions(study, name).T, color="#999999", linewidth=1.1, linestyle=_DASHES[i % len(_DASHES)], label=text, zorder=2)
 
 
 def _draw_path(study: Study, figure: Figure, axes: Axes) -> None:
     place, shares = _positions(study, DESIGNED), 100 * segment_shares(study)
-    steps = (len(place) - 1) // len(shares)
     # each segment up to and including the first node of the next, so that the line has no gaps
     lines = LineCollection(
-        [place[k * steps : (k + 1) * steps + 1] for k in range(len(shares))],
+        [place[first : last + 1] for first, last in pairwise(study.designed.nodes)],
         array=shares,
         cmap=_information_colours(),
         linewidths=4,
@@ -155,9 +141,9 @@ def _half_axes(study: Study) -> np.ndarray:
 
 def _instants(study: Study) -> np.ndarray:
     """Steps at which an ellipse is drawn: ends of segments, about a dozen."""
-    steps, segments = study.scenario.steps, study.scenario.segments
-    every = -(-segments // _ELLIPSES)
-    return np.arange(every, segments + 1, every) * (steps // segments)
+    ends = study.designed.nodes[1:]
+    every = -(-len(ends) // _ELLIPSES)
+    return ends[every - 1 :: every]
 
 
 def _draw_ellipses(study: Study, axes: Axes) -> None:
@@ -188,8 +174,6 @@ def _draw_arrows(study: Study, axes: Axes, low: np.ndarray, high: np.ndarray) ->
 def _free_corner(study: Study, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The point near a corner of the frame that is farthest from everything drawn."""
     size = high - low
-    taken = np.vstack(
-        [_positions(study, candidate.name) for candidate in study.candidates] + [np.array([centre]) for centre, _, _ in _circles(study)]
-    )
+    taken = np.vstack([_positions(study, candidate.name) for candidate in study.candidates] + [shape.middle for shape in _shapes(study)])
     corners = [low + size * [across, up] for across in (0.12, 0.88) for up in (0.24, 0.9)]
     return max(corners, key=lambda corner: float(np.min(np.hypot(*(taken - corner).T))))

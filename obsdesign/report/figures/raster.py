@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from obsdesign.report.facts import segment_nodes
 from obsdesign.report.figures._drawing import BLUE, inline_svg
 from obsdesign.report.rounding import percent, rounded
 from obsdesign.study import Study
@@ -22,14 +23,14 @@ def raster_figure(study: Study) -> str:
 
 
 def _draw_raster(study: Study, axes: Axes) -> None:
-    schedule, names, length = study.selection.schedule, study.scenario.sensor_names, study.scenario.time.segment
-    starts = length * np.arange(len(schedule.chosen))
+    schedule, names, times = study.selection.schedule, study.scenario.sensor_names, segment_nodes(study)
+    starts, lengths = times[:-1], np.diff(times)
     for row in range(len(names)):
         on = schedule.chosen[:, row]
-        axes.barh(np.full(len(starts), row), length, left=starts, height=0.72, color="#f2f2f2", edgecolor="white", linewidth=0.8)
-        axes.barh(np.full(on.sum(), row), length, left=starts[on], height=0.72, color=BLUE, edgecolor="white", linewidth=0.8)
+        axes.barh(np.full(len(starts), row), lengths, left=starts, height=0.72, color="#f2f2f2", edgecolor="white", linewidth=0.8)
+        axes.barh(np.full(on.sum(), row), lengths[on], left=starts[on], height=0.72, color=BLUE, edgecolor="white", linewidth=0.8)
     axes.set_yticks(range(len(names)), names)
-    axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(0, length * len(starts)), xlabel="time [s]")
+    axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(times[0], times[-1]), xlabel="time [s]")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set_title(rf"$\lambda_{{min}}$ {rounded(schedule.value)}, bound {rounded(schedule.bound)}, gap {percent(schedule.gap)}")

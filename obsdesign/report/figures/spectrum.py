@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from textwrap import fill
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,6 +13,8 @@ from obsdesign.report.facts import cap_for, cleaned, judged_by_eigenvalue, senso
 from obsdesign.report.figures._drawing import INK, inline_svg, light_grid, path_colour
 from obsdesign.report.rounding import rounded
 from obsdesign.study import Study
+
+_LETTERS = 56  # that fit side by side below the columns
 
 
 def spectrum_figure(study: Study) -> str:
@@ -40,7 +44,7 @@ def _draw_suite(study: Study, axes: Axes, suite: int) -> None:
         axes.text(len(names) - 0.45, cap.value, f"cap\n{rounded(cap.value)}", va="center", ha="left", fontsize=9)
     axes.set(yscale="log", xlim=(-0.6, len(names) - 0.15), ylim=(floor / 30, everything.max() * 5))
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_xticks(range(len(names)), [name.replace(" for ", "\nfor ") for name in names])
+    axes.set_xticks(range(len(names)), [fill(name, _LETTERS // len(names), break_long_words=False) for name in names])
     axes.set_title(sensors_in_words(study, study.suites[suite]), fontweight="bold")
 
 

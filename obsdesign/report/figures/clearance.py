@@ -1,0 +1,56 @@
+"""How far paths keep from the circle through three beacons, and from moving along it."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from obsdesign.constraints.circle_clearance import CircleClearance
+from obsdesign.design.nodes import nodes_of
+from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
+from obsdesign.study import DESIGNED, Study
+
+
+def clearance_figure(study: Study) -> str:
+    """Draw sqrt(f^2 + (T df/dt)^2) over time for the designed path and the baseline; "" without such a constraint."""
+    limits = _limits(study)
+    if not limits:
+        return ""
+
+    def paint(figure: Figure) -> None:
+        panels = np.atleast_1d(figure.subplots(len(limits), 1, sharex=True))
+        for i, axes in enumerate(panels):
+            _draw(study, axes, i)
+        panels[-1].set_xlabel("time [s]")
+        legend_below(figure, panels[-1])
+
+    return inline_svg("clearance", "Clearance of the paths from the circle through the beacons over time", 1.1 + 2.2 * len(limits), paint)
+
+
+def clearances(study: Study, name: str) -> list[np.ndarray]:
+    """Return sqrt(f^2 + (T df/dt)^2) (1, N) [m] along a path at the beginning of every step, for every such constraint."""
+    path, limits = study.candidate(name).path, _limits(study)
+    margins = nodes_of(study.designs[0].problem.system.model, limits, ()).values(path.x[:-1], path.u)
+    return [_distance(limit, margins[:, [i]].T) for i, limit in enumerate(limits)]
+
+
+def _limits(study: Study) -> tuple[CircleClearance, ...]:
+    return tuple(each for each in study.scenario.design.constraints if isinstance(each, CircleClearance))
+
+
+def _distance(limit: CircleClearance, margin: np.ndarray) -> np.ndarray:
+    """Undo the constraint's margin (s - clearance) / clearance, s being rounded within 0.001 clearance of 0."""
+    soft = (1e-3 * limit.clearance) ** 2
+    rounded = margin * limit.clearance + np.sqrt(limit.clearance**2 + soft)
+    return np.sqrt(np.maximum(rounded**2 - soft, 0.0))
+
+
+def _draw(study: Study, axes: Axes, which: int) -> None:
+    limit, names = _limits(study)[which], tuple(candidate.name for candidate in study.candidates)
+    light_grid(axes)
+    axes.axhline(limit.clearance, color=INK, linewidth=1, linestyle=":")
+    for name in dict.fromkeys((study.baseline, DESIGNED)):
+        path = study.candidate(name).path
+        axes.plot(path.t[:-1], clearances(study, name)[which][0], color=path_colour(name, names), label=name)
+    axes.set(ylabel="clearance [m]", xlim=(path.t[0], path.t[-1]), ylim=(-0.03 * axes.get_ylim()[1], None))
