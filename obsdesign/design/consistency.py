@@ -70,16 +70,21 @@ def _require_states(problem: DesignProblem) -> None:
     require_known("about", problem.about, names)
     if len(set(problem.about)) != len(problem.about):
         raise InputError(f"about is {problem.about}: names a state twice")
-    known = np.asarray(problem.known)
-    lowest = np.linalg.eigvalsh(known)[0] if known.shape == (n, n) and np.isfinite(known).all() else -np.inf
-    if lowest < -1e-9 * max(np.abs(known).max(initial=0.0), 1e-300) or np.abs(known - known.T).max() > 1e-9 * np.abs(known).max():
-        raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
+    _require_known_information(problem, n)
     if problem.robust is not None and problem.robust.prior.mean.size != n:
         raise InputError(f"robust: the prior has {problem.robust.prior.mean.size} states: the system has {n} ({', '.join(names)})")
     if problem.robust is not None and problem.criterion.knowledge is not None:
         raise InputError("robust: a posterior criterion has a prior of its own; use one of the two")
     if problem.floor is not None and problem.criterion.knowledge is not None:
         raise InputError("floor: a posterior criterion has no windows; use another criterion")
+
+
+def _require_known_information(problem: DesignProblem, n: int) -> None:
+    known = np.asarray(problem.known)
+    fits = known.shape == (n, n) and bool(np.isfinite(known).all())
+    size = float(np.abs(known).max(initial=0.0)) if fits else 0.0
+    if not fits or np.abs(known - known.T).max() > 1e-9 * size or np.linalg.eigvalsh(known)[0] < -1e-9 * size:
+        raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
 
 
 def _require_start(problem: DesignProblem) -> None:
