@@ -38,10 +38,10 @@ from obsdesign.simulation import as_state, simulate
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
-ITERATIONS = 1  # of a climb in a warm step
+ITERATIONS, ENOUGH = 4, 1e-2  # of a warm step at most; relative gain of one after which there is no other
 Horizon = Literal["receding", "shrinking"]
 
-_ROUNDS, _FIRST_ROUNDS = 4, 8  # of climbing again while no path is known that keeps all limits
+_FIRST_ROUNDS = 8  # of climbing again with tighter rows, in the first step
 _BACK = 1e-3  # by how much climbs stay within every limit, so that one that stops early, and what is between nodes, keeps it too
 _RADIUS = 0.03  # of the trust region at least, in widths of the box: the start has moved since the last climb
 _SPARE, _AFTER = 1.5, 0.015  # left unused before a deadline: iterations' worth of time, and seconds for what follows the climb
@@ -256,6 +256,15 @@ class _Seed:
 
 
 @dataclass(frozen=True, eq=False)
+class _Work:
+    """How many climbs within what limits; enough: the relative gain of one after which there is no other."""
+
+    rounds: int
+    limits: Limits
+    enough: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Found:
     """The best path known, where a next climb would begin, how the climb ended, and seconds per iteration, 0 = none was made."""
 
@@ -285,6 +294,7 @@ class Planner:
     every: float | None = None
     horizon: Horizon = "receding"
     iterations: int = ITERATIONS
+    enough: float = ENOUGH
     starts: int = 4
     seed: int = 0
 
@@ -394,12 +404,12 @@ class Planner:
     # ------------------------------------------------------------ climbs
 
     def _again(self, now: _Now, known: _Course, until: float) -> _Found:
-        return _improved(now.problem, known, self._seeded(now), Limits(self.iterations, deadline=until), _ROUNDS, patient=False)
+        return _improved(now.problem, known, self._seeded(now), _Work(self.iterations, Limits(1, deadline=until), self.enough))
 
     def _first(self, now: _Now, known: _Course, until: float) -> _Found:
         """Climb from the most promising starts, coarse families first."""
         plain = self.problem if now.broken else replace(now.problem, constraints=self.problem.constraints)
-        best, limits = _Found(known, None, Status.TIME_LIMIT, 0.0), Limits(TO_THE_END, deadline=until)
+        best, work = _Found(known, None, Status.TIME_LIMIT, 0.0), _Work(_FIRST_ROUNDS, Limits(TO_THE_END, deadline=until), inf)
         if perf_counter() >= until:
             return best
         starts = [now.course(u) for _, u in islice(start_inputs(plain, self.seed), self.starts)]
@@ -409,7 +419,7 @@ class Planner:
                 problem = replace(now.problem, path=family if family != self.problem.path else now.problem.path)
                 path = found.course.path
                 seed = _Seed(problem.path.fit(path.u, problem.grid), rows_of(problem), None)
-                found = _improved(problem, found.course, seed, limits, _FIRST_ROUNDS, patient=True)
+                found = _improved(problem, found.course, seed, work)
             best = found if found.course.or_better(best.course) is found.course else best
             if perf_counter() >= until:
                 break
@@ -558,19 +568,23 @@ class Planner:
 # ---------------------------------------------------------------- parts
 
 
-def _improved(problem: DesignProblem, known: _Course, seed: _Seed, limits: Limits, rounds: int, patient: bool) -> _Found:
-    """Climb, look between the nodes, tighten, climb again, until a path is known that keeps all limits; patient: this climb's own."""
-    best, status, done, began = known, Status.TIME_LIMIT, 0, perf_counter()
-    for _ in range(rounds):
-        if perf_counter() >= limits.deadline:
+def _improved(problem: DesignProblem, known: _Course, seed: _Seed, work: _Work) -> _Found:
+    """Climb, look between the nodes, tighten, climb again, until this keeps all limits and gains little more."""
+    best, status, done, began, before = known, Status.TIME_LIMIT, 0, perf_counter(), known.objective
+    for _ in range(work.rounds):
+        if perf_counter() >= work.limits.deadline:
+            status = Status.TIME_LIMIT
             break
-        solution = climb(Program(problem, seed.rows), aim_of(problem), seed.p, seed.warm, limits=limits)
+        solution = climb(Program(problem, seed.rows), aim_of(problem), seed.p, seed.warm, limits=work.limits)
         course = _Course(problem, _flown(problem, solution.p))
         best, status, done = course.or_better(best), solution.status, done + solution.iterations
         # a climb that has not come to terms with its rows yet says nothing about what they leave out
         rows = tightened(problem, course.path, seed.rows) if course.short and solution.violation <= FEASIBLE else None
         seed = _Seed(solution.p, seed.rows if rows is None else rows, solution.warm)
-        if not (course.short if patient else best.short):
+        gained, before = solution.objective - before, solution.objective
+        if not course.short and gained <= work.enough * abs(before):
+            break
+        if rows is None and status is not Status.ITERATION_LIMIT:
             break
     return _Found(best, seed, status, (perf_counter() - began) / done if done else 0.0)
 

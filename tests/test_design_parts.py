@@ -115,7 +115,7 @@ EVERY = pytest.mark.parametrize("problem", CASES.values(), ids=CASES.keys())
 def program_of(problem: od.DesignProblem, p: np.ndarray) -> Program:
     """The program with the rows that matter at p, each asked for a little more than 0."""
     path = flown(problem, p)
-    rows = rows_of(problem, path.x, path.u)
+    rows = rows_of(problem)
     return Program(problem, Rows(rows.node, rows.margin, 0.01 * np.arange(1.0, len(rows.node) + 1)))
 
 
