@@ -221,11 +221,16 @@ class _Course:
         return objective_of(self.problem, self.path)
 
     def or_better(self, known: _Course) -> _Course:
-        """Return the better one: feasible rather than not, then of higher objective, or of less shortfall."""
+        """Return the better one: feasible rather than not, then of higher objective, or of later and less shortfall."""
         if not self.short:
             # looking between the nodes takes longer than the rest: only where it matters
             return self if self.objective >= known.objective or known.short else known
-        return self if known.short and self.short[0].margin > known.short[0].margin else known
+        return self if known.short and self._trouble > known._trouble else known
+
+    @property
+    def _trouble(self) -> tuple[float, float]:
+        """When it comes, and how bad it is: what is far ahead will be planned again."""
+        return min(each.time for each in self.short), self.short[0].margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,8 +361,8 @@ class Planner:
         found = self._first(now, known, until) if previous is None else self._again(now, known, until)
         kept = found.course is known
         age = previous.age + 1 if kept and previous is not None else 0
-        status = found.status
-        return self._plan(now, found.course, status, age, self._remembered(now, found, kept))
+        course = self._with_another_end(now, found.course, call)
+        return self._plan(now, course, found.status, age, self._remembered(now, found, kept))
 
     def _followed(self, call: _Call) -> Plan:
         """Fly the previous path's inputs from x_now."""
@@ -424,6 +429,18 @@ class Planner:
             if perf_counter() >= until:
                 break
         return best
+
+    def _with_another_end(self, now: _Now, course: _Course, call: _Call) -> _Course:
+        """Return a path that breaks a limit, or what is better: the previous one, ended in other ways than by holding its last inputs."""
+        ahead = len(now.u) if call.previous is None else max(0, len(call.previous.trajectory.u) - self._elapsed(call))
+        if not course.short or ahead >= len(now.u):
+            return course
+        problem = self.problem
+        for last in (problem.lower, problem.upper, problem.grid.centre):
+            course = now.course(np.vstack([now.u[:ahead], np.tile(last, (len(now.u) - ahead, 1))])).or_better(course)
+            if not course.short:
+                break
+        return course
 
     def _seeded(self, now: _Now) -> _Seed:
         """Where the last climb stopped, its rows and multipliers moved on in time."""

@@ -1,4 +1,4 @@
-"""The main job: analyse, design, select, validate, in that order."""
+"""The main job: analyse, design, select, validate and, where asked, fly; in that order."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from obsdesign.design.record import Design
 from obsdesign.design.shaping import design_trajectory
 from obsdesign.design.starts import shortest_inputs
 from obsdesign.design.weave import Weave, best_weave
+from obsdesign.flight import Flight, fly
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.record import Information, standard_deviations
 from obsdesign.information.shares import Contributions, contributions
@@ -132,7 +133,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The four answers. designs[0] is for all sensors and is the path that selection and validation use."""
+    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight: where one is asked for."""
 
     scenario: Scenario
     seed: int
@@ -143,6 +144,7 @@ class Study:
     selection: Selection
     checks: tuple[Check, ...]
     seconds: Mapping[str, float]
+    flight: Flight | None = None
 
     @property
     def suites(self) -> tuple[tuple[str, ...], ...]:
@@ -169,7 +171,7 @@ class Study:
 
 
 def run(scenario: Scenario, seed: int | None = None, executor: Executor | None = None, progress: Progress | None = None) -> Study:
-    """Answer the four questions of a scenario. seed: None = the scenario's.
+    """Answer the questions of a scenario. seed: None = the scenario's.
 
     Raises UnobservableError when no path can make the state visible, SolveError when a solver fails or no path satisfies the
     limits, InputError for a scenario whose values do not fit together.
@@ -200,8 +202,10 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     selection = select(scenario, designed, designs[0].problem, seed)
     stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
     checks = tuple(_checks(scenario, candidates, selection, seed, executor))
-    stage("validate", "")
-    return Study(scenario, seed, analyses, designs, weave, candidates, selection, checks, seconds)
+    stage("validate", "" if scenario.flight is None else f"In flight? A new plan every {scenario.flight.every:g} s")
+    flight = _flight(scenario, problems[0], seed)
+    stage("fly" if flight is not None else "", "")
+    return Study(scenario, seed, analyses, designs, weave, candidates, selection, checks, seconds, flight)
 
 
 def suites_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
@@ -279,6 +283,21 @@ def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
         budgets=tuple(Budget(each.cost, each.at_most) for each in design.budgets),
         floor=None if floor is None else Floor(floor.seconds, floor.value),
         robust=None if robust is None else Robust(scenario.prior_at_start, robust.samples, robust.worst, robust.seed),
+    )
+
+
+def _flight(scenario: Scenario, problem: DesignProblem, seed: int) -> Flight | None:
+    asked = scenario.flight
+    if asked is None:
+        return None
+    return fly(
+        problem,
+        scenario.prior_at_start,
+        every=asked.every,
+        duration=asked.duration,
+        disturbance_psd=scenario.disturbance_psd,
+        seed=seed,
+        horizon=asked.horizon,
     )
 
 

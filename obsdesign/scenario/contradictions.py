@@ -157,14 +157,18 @@ def _flight_problems(scenario: Scenario) -> Iterator[Problem]:
     flight, time = scenario.flight, scenario.time
     if flight is None:
         return
-    for key in ("every", "duration", "horizon"):
+    for key in ("every", "duration"):
         seconds = getattr(flight, key)
-        if seconds is not None and whole_multiple(seconds, time.step) is None:
+        if whole_multiple(seconds, time.step) is None:
             yield Problem(("flight", key), f"is {seconds:g} s: must be a whole multiple of the step, {time.step:g} s")
-    horizon = time.duration if flight.horizon is None else flight.horizon
-    for key, longest in (("duration", flight.duration), ("horizon", horizon)):
+    for key, longest in (("flight.duration", flight.duration), ("time.duration", time.duration)):
         if flight.every > longest:
-            yield Problem(("flight", "every"), f"is {flight.every:g} s: must be at most the {key}, {longest:g} s")
+            yield Problem(("flight", "every"), f"is {flight.every:g} s: must be at most {key}, {longest:g} s")
+    if flight.horizon == "shrinking" and flight.duration > time.duration:
+        message = f"is {flight.duration:g} s: must be at most time.duration, {time.duration:g} s, where the horizon is shrinking"
+        yield Problem(("flight", "duration"), message)
+    if scenario.design.shortest is not None:
+        yield Problem(("design", "shortest"), "does not go with [flight]: a plan needs one duration")
 
 
 def _place_problems(scenario: Scenario) -> Iterator[Problem]:

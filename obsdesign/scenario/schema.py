@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
@@ -122,7 +122,9 @@ class FlightTable(_Table):
 
     every: float = Field(gt=0, description="time from one plan to the next [s]")
     duration: float = Field(gt=0, description="length of the flight [s]")
-    horizon: float | None = Field(default=None, gt=0, description="length of a plan [s]; default: time.duration")
+    horizon: Literal["receding", "shrinking"] = Field(
+        default="receding", description="each plan lasts time.duration from then on, or until time.duration is over"
+    )
 
 
 class ValidationTable(_Table):
