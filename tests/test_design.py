@@ -512,7 +512,9 @@ FAR_AWAY = {"constraints": (od.Goal((100.0, 0.0), 1.0),), "duration": 8.0, "path
 def test_a_goal_out_of_reach_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch):
     """By geometry, before any solver starts: 99 m at 1 m/s through the air and 0.36 m/s of wind."""
     monkeypatch.setattr("obsdesign.design.shaping.climbed", None)
-    message = r"trajectory design: infeasible, proven: Goal: within 1 m of \(100, 0\): 99 m away; at 1\.361 m/s .* in 8 s, not before 72\.8 s"
+    message = (
+        r"trajectory design: infeasible, proven: Goal: within 1 m of \(100, 0\): 99 m away; at 1\.361 m/s .* in 8 s, not before 72\.8 s"
+    )
     with pytest.raises(od.SolveError, match=message) as caught:
         od.design_trajectory(problem_with(**FAR_AWAY), starts=2)
     assert caught.value.status is od.Status.INFEASIBLE
@@ -522,7 +524,12 @@ def test_a_goal_out_of_reach_is_an_error_that_says_so(monkeypatch: pytest.Monkey
 
 
 # to turn round takes longer than there is: no geometry tells before, the climbs do
-BEHIND = {"constraints": (od.Goal((1.0, 3.0), 0.5),), "duration": 8.0, "path": od.PiecewiseConstant(4), "bounds": {"turn_rate": (-0.2, 0.2)}}
+BEHIND = {
+    "constraints": (od.Goal((1.0, 3.0), 0.5),),
+    "duration": 8.0,
+    "path": od.PiecewiseConstant(4),
+    "bounds": {"turn_rate": (-0.2, 0.2)},
+}
 
 
 @pytest.fixture(scope="module")
@@ -633,7 +640,10 @@ def test_starts_and_seed_are_counted(changes: dict[str, object], message: str):
 # ---------------------------------------------------------------- costs, rates, floors, draws, durations
 
 BRIEF: dict[str, Any] = {"duration": 8.0, "path": od.PiecewiseConstant(5), "scale": SCALE}
-BRISK: dict[str, Any] = {"system": od.System(od.Unicycle(wind="constant"), (od.GPS(1.0),)), "bounds": {"speed": (0.5, 1.5), "turn_rate": (-0.5, 0.5)}}
+BRISK: dict[str, Any] = {
+    "system": od.System(od.Unicycle(wind="constant"), (od.GPS(1.0),)),
+    "bounds": {"speed": (0.5, 1.5), "turn_rate": (-0.5, 0.5)},
+}
 
 
 def length_of(design: od.Design) -> float:
@@ -651,7 +661,9 @@ def brisk() -> od.Design:
     return od.design_trajectory(problem_with(**BRIEF, **BRISK), starts=4)
 
 
-@pytest.mark.parametrize(("cost", "total"), [(od.PathLength(), length_of), (od.Effort({"turn_rate": 1.0}), effort_of)], ids=["length", "effort"])
+@pytest.mark.parametrize(
+    ("cost", "total"), [(od.PathLength(), length_of), (od.Effort({"turn_rate": 1.0}), effort_of)], ids=["length", "effort"]
+)
 def test_what_has_a_price_is_used_less_and_what_has_a_budget_no_more_than_that(brisk: od.Design, cost: Any, total: Any):
     """V(2) - c C(2) >= V(1) - c C(1) for the best path at a price of c, so that V falls, and C falls by more than that."""
     price = 0.3 * brisk.value / total(brisk)
@@ -687,12 +699,12 @@ def lowest_window(problem: od.DesignProblem, path: od.Trajectory, seconds: float
 
 
 def test_every_stretch_of_a_path_keeps_its_floor():
-    problem = problem_with(duration=12.0, path=od.PiecewiseConstant(10), scale=SCALE)
+    """Asked for 1.3 times as much as the best path has in its weakest stretch."""
+    problem = problem_with(system=LANDMARK, constraints=(od.StandOff(2.0),), duration=12.0, path=od.PiecewiseConstant(10), scale=SCALE)
     free = od.design_trajectory(problem, starts=4)
-    best = lowest_window(problem, free.trajectory, 4.0)
-    asked = 1.3 * best
-    design = od.design_trajectory(dataclasses.replace(problem, floor=od.Floor(4.0, asked)), starts=4)
-    assert lowest_window(problem, design.trajectory, 4.0) >= asked * (1 - 1e-6)
+    asked = 1.3 * lowest_window(problem, free.trajectory, 6.0)
+    design = od.design_trajectory(dataclasses.replace(problem, floor=od.Floor(6.0, asked)), starts=4)
+    assert lowest_window(problem, design.trajectory, 6.0) >= asked * (1 - 1e-6)
     assert design.value == pytest.approx(flown(problem, design.trajectory.u)[1], rel=1e-8)
     assert design.value <= free.value * (1 + 1e-6)
 
@@ -740,7 +752,7 @@ def test_draws_are_those_of_the_prior():
     assert not np.any(od.Robust(prior, seed=2).draws(4, 0) == draws[:4])
 
 
-@pytest.mark.parametrize(("per_second", "expected"), [(0.0, "longest"), (0.9, "between"), (30.0, "shortest")])
+@pytest.mark.parametrize(("per_second", "expected"), [(0.0, "longest"), (1.5, "between"), (30.0, "shortest")])
 def test_a_free_duration_is_a_whole_number_of_steps_and_no_worse_than_the_ends_of_its_range(per_second: float, expected: str):
     """Information grows with time, log det ever more slowly: what a second costs decides."""
     prices = (od.Price(od.FlightTime(), per_second),) if per_second else ()
@@ -762,8 +774,8 @@ FAMILIES = {"arcs": od.DubinsPath("LSRS", 0.8), "splines": od.BSpline(7), "uneve
 
 @pytest.mark.parametrize("path", FAMILIES.values(), ids=FAMILIES.keys())
 def test_designs_of_every_family_are_of_that_family_and_no_neighbour_is_better(path: Any):
-    problem = problem_with(**COURSE, path=path)
-    design = od.design_trajectory(problem, starts=4)
+    problem = problem_with(**{**COURSE, "constraints": (od.Goal((15.0, -3.0), 1.0), od.StandOff(1.0))}, path=path)
+    design = od.design_trajectory(problem, starts=3)
     lower, upper = path.box(problem.grid)
     assert np.all((lower <= design.p) & (design.p <= upper))
     np.testing.assert_allclose(inputs_of(problem, design.p), design.trajectory.u, rtol=1e-9, atol=1e-12)

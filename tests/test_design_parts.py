@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from itertools import islice
 from typing import Any
@@ -21,9 +22,10 @@ from obsdesign.design.aim import Judged, Linear, aim_of, value_of
 from obsdesign.design.climbing import Climbed, Task, climbed
 from obsdesign.design.limits import fine_margins, node_margins, rows_of
 from obsdesign.design.newton import Active, Face, newton
-from obsdesign.design.program import Multipliers, Program, Rows, Values
+from obsdesign.design.program import Program
 from obsdesign.design.starts import start_inputs
 from obsdesign.design.subproblem import Cone, Model, Step, minimised
+from obsdesign.design.values import Multipliers, Values
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem
 from obsdesign.step import blocks_of, step_of
@@ -74,7 +76,9 @@ def swinging_oscillator() -> od.DesignProblem:
     x = ca.SX.sym("x", 2)
     fields = {"u": ca.vertcat(0, x[0] * (1 + 0.2 * x[1]))}
     system = od.ControlAffineSystem(x, ("a", "b"), ca.vertcat(x[1], -x[0]), fields, outputs={"y": x[0] + 0.3 * x[1] ** 2})
-    return od.DesignProblem(system=system, start=(1.0, 0.2), duration=4.0, step=0.2, path=od.PiecewiseConstant(4), bounds={"u": (-1.0, 1.2)})
+    return od.DesignProblem(
+        system=system, start=(1.0, 0.2), duration=4.0, step=0.2, path=od.PiecewiseConstant(4), bounds={"u": (-1.0, 1.2)}
+    )
 
 
 BLOWN = od.System(od.Dubins(1.0, wind="unknown"), (*LOOKING.sensors, od.Magnetometer(0.2)))
@@ -112,11 +116,14 @@ CASES: dict[str, od.DesignProblem] = {
 EVERY = pytest.mark.parametrize("problem", CASES.values(), ids=CASES.keys())
 
 
-def program_of(problem: od.DesignProblem, p: np.ndarray) -> Program:
-    """The program with the rows that matter at p, each asked for a little more than 0."""
-    path = flown(problem, p)
+def program_of(problem: od.DesignProblem) -> Program:
+    """The program with its rows, each asked for a little more than 0."""
     rows = rows_of(problem)
-    return Program(problem, Rows(rows.node, rows.margin, 0.01 * np.arange(1.0, len(rows.node) + 1)))
+    return Program(problem, dataclasses.replace(rows, allowance=allowances(rows.node)))
+
+
+def allowances(rows: np.ndarray) -> np.ndarray:
+    return 0.01 * np.arange(1.0, len(rows) + 1)
 
 
 def somewhere(problem: od.DesignProblem, seed: int) -> np.ndarray:
@@ -149,13 +156,14 @@ def by_analysis(problem: od.DesignProblem, path: od.Trajectory) -> np.ndarray:
 def test_a_program_has_the_matrices_of_the_analysis_and_the_margins_of_the_path(problem: od.DesignProblem):
     """One definition, two uses, down to windows, draws, costs and rates of change."""
     p = somewhere(problem, seed=1)
-    path, program = flown(problem, p), program_of(problem, p)
+    path, program = flown(problem, p), program_of(problem)
     values = program.at(p)
     expected = by_analysis(problem, path)
     assert values.matrices.shape == expected.shape
     np.testing.assert_allclose(values.matrices, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
     np.testing.assert_allclose(values.along.z[0, :, : len(problem.x0)], path.x, rtol=1e-12, atol=1e-12)
-    margins = node_margins(problem, path.x, path.u) - 0.01 * np.arange(1.0, len(program.rows.node) + 1)
+    margins = node_margins(problem, path.x, path.u)
+    margins = margins - allowances(margins)
     costs = [1 - cost_of(term.cost, problem, path) / term.at_most for term in problem.budgets]
     rates = [1 - side * change for side in (1, -1) for change in changes_of(problem, p)]
     np.testing.assert_allclose(values.rows, [*margins, *costs, *rates], rtol=1e-9, atol=1e-8)
@@ -219,7 +227,7 @@ def lagrangian_slope(program: Program, multipliers: Multipliers, p: np.ndarray) 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_first_derivatives_of_a_program_are_central_differences(problem: od.DesignProblem, seed: int):
     p = somewhere(problem, seed)
-    program = program_of(problem, p)
+    program = program_of(problem)
     width, found = program.upper - program.lower, program.slopes(program.at(p))
     for name, axis in (("matrices", 1), ("floors", 1), ("rows", 1), ("price", 0)):
         values = differences(lambda q, name=name: np.asarray(getattr(program.at(q), name)), p, width)
@@ -232,7 +240,7 @@ def test_first_derivatives_of_a_program_are_central_differences(problem: od.Desi
 @pytest.mark.parametrize("seed", [4, 5])
 def test_second_derivatives_of_a_program_are_differences_of_the_first(problem: od.DesignProblem, seed: int):
     p = somewhere(problem, seed)
-    program = program_of(problem, p)
+    program = program_of(problem)
     values = program.at(p)
     multipliers, width = multipliers_for(values, seed), program.upper - program.lower
     found = program.curvature(values, program.slopes(values), multipliers) * np.outer(width, width)
@@ -252,7 +260,7 @@ def test_each_multiplier_counts_its_own_part_of_the_curvature(part: str):
         floor=od.Floor(3.2, 0.5),
     )
     p = somewhere(problem, 6)
-    program = program_of(problem, p)
+    program = program_of(problem)
     values = program.at(p)
     full = multipliers_for(values, 6)
     only = Multipliers(*(getattr(full, name) * (name == part) for name in ("matrices", "floors", "rows")), full.price * (part == "price"))
@@ -266,7 +274,7 @@ def test_windows_of_a_floor_begin_every_half_of_their_length_and_the_last_one_en
     problem = turning(floor=od.Floor(2.8, 0.5))  # 7 of 20 steps: 0, 3, 6, 9, 12 and 13
     p = somewhere(problem, 0)
     windows = od.sliding_information(problem.system, flown(problem, p), 7).sum(axis=1) * np.outer(SCALE, SCALE)
-    np.testing.assert_allclose(program_of(problem, p).at(p).floors, windows[[0, 3, 6, 9, 12, 13]], rtol=1e-9)
+    np.testing.assert_allclose(program_of(problem).at(p).floors, windows[[0, 3, 6, 9, 12, 13]], rtol=1e-9)
 
 
 # ---------------------------------------------------------------- the convex model
@@ -412,7 +420,9 @@ def test_newtons_step_solves_the_equations_of_what_is_active(seed: int, T: int):
 def test_newtons_step_does_not_exist_where_its_equations_contradict_each_other():
     row = np.array([[1.0, 0.0]])
     none = np.zeros((0, 2))
-    active = Active(np.eye(2), np.ones(2), np.zeros(0), (), np.array([1.0, 2.0]), np.vstack([row, row]), np.zeros(0), none, row[0] < 0, row[0])
+    active = Active(
+        np.eye(2), np.ones(2), np.zeros(0), (), np.array([1.0, 2.0]), np.vstack([row, row]), np.zeros(0), none, row[0] < 0, row[0]
+    )
     assert newton(active) is None
 
 
@@ -591,7 +601,10 @@ def lifted(problem: od.DesignProblem) -> tuple[ca.Function, ca.Function]:
     W = W * ca.SX(np.outer(problem.units, problem.units))
     c, t, factor = ca.SX.sym("c"), ca.SX.sym("t"), ca.SX.sym("L", ca.Sparsity.lower(n))
     miss = ca.tril(W / c - t * ca.SX.eye(n) - factor @ factor.T)
-    options = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 300, "bound_push": 1e-8, "mu_init": 1e-6}}
+    options = {
+        "print_time": False,
+        "ipopt": {"print_level": 0, "sb": "yes", "tol": 1e-9, "max_iter": 300, "bound_push": 1e-8, "mu_init": 1e-6},
+    }
     nlp = {"x": ca.vertcat(p, t, factor.nz[:]), "p": c, "f": -t, "g": miss.nz[:]}
     return ca.Function("W", [p], [W]), ca.nlpsol("lifted", "ipopt", nlp, options)
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 import pytest
 from by_hand import BEACON, SCALE, SENSORS, SLOW, START, STEP, Swinging, assert_close, correlated_prior, derivative, flown, stepped
@@ -15,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.design.transcription import solve, transcribe
+from obsdesign.design.climbing import Task, climbed
+from obsdesign.design.program import Program
 from obsdesign.vehicles.abstract import AbstractVehicle
 
 few = settings(deadline=None, max_examples=4, database=None, derandomize=True)
@@ -338,7 +338,7 @@ EACH_PROBLEM = pytest.mark.parametrize("problem", JUDGED.values(), ids=JUDGED.ke
 
 def judged_again(problem: od.DesignProblem, p: np.ndarray) -> np.ndarray:
     """S J S after the last samples of the path that the parameters steer."""
-    u = np.array(problem.path.inputs(p, problem.steps))
+    u = np.array(problem.path.inputs(p, problem.grid))
     path = od.simulate(problem.system, problem.x0, u, problem.step)
     criterion = problem.criterion
     J = od.posterior_information(problem.system, path, criterion.prior, criterion.disturbance_psd, criterion.unknown_inputs)
@@ -349,17 +349,16 @@ def judged_again(problem: od.DesignProblem, p: np.ndarray) -> np.ndarray:
 @few
 @given(seed=st.integers(0, 10**6))
 def test_the_program_of_a_design_has_the_posterior_of_the_path_and_its_exact_derivative(problem: od.DesignProblem, seed: int):
-    p = np.random.default_rng(seed).uniform(-0.5, 0.5, (4, 1))
-    information = transcribe(problem).information
-    expected = judged_again(problem, p)
-    np.testing.assert_allclose(information(p).full(), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-    symbol = ca.SX.sym("p", 4, 1)
-    slopes = ca.Function("slopes", [symbol], [ca.jacobian(ca.vec(information(symbol)), symbol)])(p).full()
+    p = np.random.default_rng(seed).uniform(-0.5, 0.5, 4)
+    program = Program(problem)
+    values, expected = program.at(p), judged_again(problem, p)
+    assert values.matrices.shape == (1, *expected.shape)
+    np.testing.assert_allclose(values.matrices[0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    slopes = program.slopes(values).matrices[0]
     eps = 1e-5
-    for i, unit in enumerate(np.eye(4)[:, :, None]):
+    for i, unit in enumerate(np.eye(4)):
         plus, minus = (judged_again(problem, p + side * eps * unit) for side in (1, -1))
-        difference = ((plus - minus) / (2 * eps)).ravel(order="F")
-        np.testing.assert_allclose(slopes[:, i], difference, rtol=1e-5, atol=1e-7 * np.abs(expected).max())
+        np.testing.assert_allclose(slopes[i], (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-7 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("problem", [JUDGED[name] for name in JUDGED if name != "unknown wind"], ids=list(JUDGED)[:3])
@@ -370,7 +369,7 @@ def test_a_design_by_the_posterior_has_the_value_of_the_posterior_of_its_path_an
     J = od.posterior_information(problem.system, path, criterion.prior, criterion.disturbance_psd, criterion.unknown_inputs)
     S = np.diag(SCALE)
     assert design.value == pytest.approx(criterion.criterion.value(S @ J[-2] @ S), rel=1e-9)
-    random, best = np.random.default_rng(0), problem.path.fit(path.u)
+    random, best = np.random.default_rng(0), problem.path.fit(path.u, problem.grid)
     for size in (1e-3, 0.05):
         for _ in range(15):
             near = np.clip(best + size * random.standard_normal(best.shape), -0.5, 0.5)
@@ -379,16 +378,17 @@ def test_a_design_by_the_posterior_has_the_value_of_the_posterior_of_its_path_an
 
 @pytest.mark.parametrize("problem", [JUDGED[name] for name in JUDGED if name != "unknown wind"], ids=list(JUDGED)[:3])
 def test_the_objective_of_the_solver_is_the_criterion_of_the_posterior_where_it_stops(problem: od.DesignProblem):
-    solution = solve(problem, np.array([[0.4], [-0.3], [0.2], [0.1]]))
-    assert solution.status is od.Status.LOCALLY_OPTIMAL
-    value = problem.criterion.value(judged_again(problem, solution.p))
-    assert solution.objective == pytest.approx(value, rel=1e-6, abs=1e-6)
+    u = np.array(problem.path.inputs(np.array([0.4, -0.3, 0.2, 0.1]), problem.grid))
+    found = climbed(Task(problem, "a start", u, (problem.path,), True))
+    assert found.status is od.Status.LOCALLY_OPTIMAL
+    value = problem.criterion.value(judged_again(problem, found.p))
+    assert found.objective == pytest.approx(value, rel=1e-6, abs=1e-6)
 
 
 def test_a_design_by_the_posterior_under_unknown_inputs_has_something_to_improve():
     """What is known in the end must not be nothing for every path: of two paths one is better."""
     problem = JUDGED["unknown wind"]
     random = np.random.default_rng(0)
-    values = [problem.criterion.value(judged_again(problem, random.uniform(-0.5, 0.5, (4, 1)))) for _ in range(3)]
+    values = [problem.criterion.value(judged_again(problem, random.uniform(-0.5, 0.5, 4))) for _ in range(3)]
     assert min(values) > 1e-6
     assert max(values) > 1.01 * min(values)

@@ -100,6 +100,9 @@ def climb(
         moved = _moved(scene, state, limits.tolerance)
         state = moved.state
         if not moved.better:
+            if state.place.violation > _BROKEN and state.terms.penalty < _HIGHEST:
+                state = _insisting(scene, state)
+                continue
             status = _verdict(scene, moved, limits.tolerance)
             break
         state = _recounted(scene, state)
@@ -217,10 +220,16 @@ def _next_radius(radius: float, length: float, share: float) -> float:
     return 0.5 * length if share < 0.3 else radius
 
 
+def _insisting(scene: Scene, state: _State) -> _State:
+    """Return the state with a higher penalty: where nothing better is near for this one, limits may still be met for another."""
+    terms = replace(state.terms, penalty=10 * state.terms.penalty)
+    return replace(state, place=scene.counted(state.place, terms), terms=terms, radius=max(state.radius, _RADIUS))
+
+
 def _recounted(scene: Scene, state: _State) -> _State:
     """Return the state in terms that suit where it is: a lower penalty once all limits hold, a unit near the aim."""
     terms, relaxed = state.terms, state.relaxed
-    enough = max(_PENALTY, 3 * float(state.multipliers.rows.sum()))
+    enough = max(_PENALTY, 3 * _slack_price(scene, state.multipliers))
     if state.place.violation <= FEASIBLE and relaxed < _RELAXED and enough < terms.penalty / 3:
         terms, relaxed = replace(terms, penalty=enough), relaxed + 1
     unit = scene.aim.unit(state.place.values.matrices)
@@ -230,6 +239,14 @@ def _recounted(scene: Scene, state: _State) -> _State:
         return state
     multipliers = state.multipliers.times(state.terms.unit / terms.unit)
     return replace(state, place=scene.counted(state.place, terms), terms=terms, multipliers=multipliers, relaxed=relaxed)
+
+
+def _slack_price(scene: Scene, multipliers: Multipliers) -> float:
+    """What all limits together would pay for slack: a penalty above it is exact."""
+    floor = scene.program.problem.floor
+    floors = 0.0 if floor is None else floor.value * float(np.trace(multipliers.floors, axis1=1, axis2=2).sum())
+    kept = scene.least * float(np.trace(multipliers.matrices, axis1=1, axis2=2).sum()) if scene.least else 0.0
+    return float(multipliers.rows.sum()) + floors + kept
 
 
 # ---------------------------------------------------------------- the end

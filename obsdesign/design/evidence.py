@@ -6,20 +6,21 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
-from obsdesign.design.aim import Linear
+from obsdesign.design.aim import Linear, aim_of
 from obsdesign.design.choosing import chosen, objective_of
 from obsdesign.design.climbing import Climbed, Task, climbed, families_of
 from obsdesign.design.limits import is_feasible
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design, Evidence
 from obsdesign.design.starts import start_inputs
+from obsdesign.design.subproblem import Cone, Model, minimised
+from obsdesign.simulation import simulate
 from obsdesign.trajectory import Trajectory
 
-_ROUNDS = 6  # of a new Z
+_ROUNDS, _CHEAP = 6, 40  # of a new Z; paths that are looked at without a climb
 _ENOUGH = 1e-4  # remaining difference, relative, at which it stops
 
 
@@ -35,29 +36,48 @@ def evidence_for(design: Design, starts: int, seed: int, executor: Executor | No
         return design
     if design.trajectory is None:
         return design
-    columns = [_matrix(problem, design.trajectory)]
-    inputs = [design.trajectory.u, *(u for _, u in islice(start_inputs(problem, seed + 1), starts))]
-    estimate, best_Z, climbs, better = np.inf, np.eye(len(problem.x0)), 0, design
+    seen = [(design.trajectory.u, _matrix(problem, design.trajectory)), *_at_random(problem, seed)]
+    tried, climbs, better = [], 0, design
     for _ in range(_ROUNDS):
-        Z = _prices(problem, columns)
-        found = _climbed(problem, Z, inputs, executor)
+        Z = _prices(problem, [W for _, W in seen])
+        tried.append(Z)
+        promising = sorted(seen, key=lambda pair: -float(np.sum(Z * pair[1])))[:starts]  # used at once
+        found = _climbed(problem, Z, [u for u, _ in promising], executor)
         climbs += len(found)
         usable = [each for each in found if each.status.has_answer and is_feasible(problem, each.path)]
-        matrices = [_matrix(problem, each.path) for each in usable]
-        largest = max([float(np.sum(Z * W)) for W in [*columns, *matrices]])
-        if largest < estimate:
-            estimate, best_Z = largest, Z
+        seen += [(each.u, _matrix(problem, each.path)) for each in usable]
         better = _improved(better, usable)
-        columns += matrices
-        inputs = [*(each.u for each in usable), *inputs][: starts + 1]
-        if estimate <= better.value * (1 + _ENOUGH):
+        if _estimate(tried, seen)[0] <= better.value * (1 + _ENOUGH):
             break
+    estimate, best = _estimate(tried, seen)
     remaining = float(max(0.0, 1 - better.value / estimate))
     words = (
-        f"{climbs} climbs along <Z, S W S> found no path with a bound below {estimate:.6g}: as far as they tell, no path is better by more "
-        f"than {remaining:.2%}. Evidence, not proof."
+        f"{climbs} climbs along <Z, S W S> for {len(tried)} matrices Z met no path above {estimate:.6g} for the best of them: as far as "
+        f"they tell, no path is better by more than {remaining:.2%}. Evidence, not proof."
     )
-    return replace(better, evidence=Evidence(estimate, remaining, best_Z, climbs, words))
+    return replace(better, evidence=Evidence(estimate, remaining, best, climbs, words))
+
+
+_Seen = tuple[np.ndarray, np.ndarray]  # inputs of a path, and its S W S
+
+
+def _at_random(problem: DesignProblem, seed: int) -> list[_Seen]:
+    """Paths of the shaped and random starts that meet all limits."""
+    found = []
+    for _, u in islice(start_inputs(problem, seed + 1), _CHEAP):
+        p = problem.path.fit(u, problem.grid)
+        u_fit = np.array(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)  # pyright: ignore[reportArgumentType]
+        path = simulate(problem.system, problem.x0, u_fit, problem.step)
+        if is_feasible(problem, path):
+            found.append((path.u, _matrix(problem, path)))
+    return found
+
+
+def _estimate(tried: Sequence[np.ndarray], seen: Sequence[_Seen]) -> tuple[float, np.ndarray]:
+    """The least, over all Z tried, of the largest <Z, S W S> of any path seen, and that Z."""
+    largest = [max(float(np.sum(Z * W)) for _, W in seen) for Z in tried]
+    best = int(np.argmin(largest))
+    return largest[best], tried[best]
 
 
 def _matrix(problem: DesignProblem, path: Trajectory) -> np.ndarray:
@@ -65,20 +85,33 @@ def _matrix(problem: DesignProblem, path: Trajectory) -> np.ndarray:
 
 
 def _prices(problem: DesignProblem, columns: Sequence[np.ndarray]) -> np.ndarray:
-    """Z >= 0, trace 1 over the judged states, that makes the largest <Z, W> of the columns least: the dual of mixing them."""
-    import cvxpy as cp  # seconds to load, and few designs ask
+    """Z >= 0, trace 1 over the judged states, that makes the largest <Z, W> of the columns least.
 
-    n, size = len(problem.x0), float(np.mean([np.trace(W) for W in columns]))
-    Z, top = cp.Variable((n, n), PSD=True), cp.Variable()
+    It is the multiplier of the best mixture: max t with sum_j a_j W_j - t E >= 0, a >= 0, sum a = 1.
+    """
+    n, size = len(problem.x0), float(np.mean([np.trace(W) for W in columns])) / len(problem.x0)
     E = np.zeros((n, n))
     E[problem.judged_states, problem.judged_states] = 1.0
-    rows: list[Any] = [cp.sum(cp.multiply(W / size, Z)) <= top for W in columns]
-    fixed: Any = cp.sum(cp.multiply(E, Z)) == 1
-    cp.Problem(cp.Minimize(top), [*rows, fixed]).solve(solver=cp.CLARABEL)
-    found = np.asarray(Z.value)
-    values, vectors = np.linalg.eigh((found + found.T) / 2)
-    found = (vectors * np.maximum(values, 0.0)) @ vectors.T
-    return found / float(np.sum(found * E))
+    last, others = columns[-1] / size, np.array([W / size - columns[-1] / size for W in columns[:-1]]).reshape(-1, n, n)
+    count = len(others)
+    mixture = Model(
+        B=1e-9 * np.eye(count),
+        g=np.zeros(count),
+        weights=np.ones(1),
+        penalty=1e3,
+        low=np.zeros(count),
+        high=np.ones(count),
+        cones=(Cone(last, others, E, 0, 0.0),),
+        rows=np.ones(1),
+        slopes=-np.ones((1, count)),
+        hard=np.zeros(0),
+        hard_slopes=np.zeros((0, count)),
+    )
+    found = minimised(mixture, 1e-9)
+    Z = aim_of(problem).slopes(columns[0][None])[0] if found is None else found.Z[0]
+    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
+    Z = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    return Z / float(np.sum(Z * E))
 
 
 def _climbed(problem: DesignProblem, Z: np.ndarray, inputs: Sequence[np.ndarray], executor: Executor | None) -> list[Climbed]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_positive
 from obsdesign.errors import InputError
-from obsdesign.paths import _columns, _switches
+from obsdesign.paths import _columns, _switch_times, _switches
 from obsdesign.paths.abstract import AbstractPath, Grid
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class DubinsPath(AbstractPath):
         import numpy as np
 
         turn = self._turn(grid)
-        durations = _switches.fitted(u[:, turn], self._values(grid), self.blend / 4, grid)
+        durations = _switch_times.fitted(u[:, turn], self._values(grid), self.blend / 4, grid)
         return np.clip(np.concatenate([durations, np.delete(u, turn, axis=1).mean(axis=0)]), *self.box(grid))
 
     def coarser(self) -> None:

@@ -9,12 +9,14 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup, escape
 
-from obsdesign.report import captions, facts, tables, wording
+from obsdesign.report import captions, facts, flying, tables, wording
 from obsdesign.report.designing import design_in_words
 from obsdesign.report.figures.clearance import clearance_figure
 from obsdesign.report.figures.consistency import consistency_figure
 from obsdesign.report.figures.eigenvectors import eigenvectors_figure
 from obsdesign.report.figures.errors import errors_figure
+from obsdesign.report.figures.flight_estimates import flight_estimates_figure
+from obsdesign.report.figures.flight_map import flight_map_figure
 from obsdesign.report.figures.inputs import inputs_figure
 from obsdesign.report.figures.path import path_figure
 from obsdesign.report.figures.raster import raster_figure
@@ -69,7 +71,7 @@ def page_of(study: Study) -> str:
         scenario=study.scenario,
         answer=wording.answer(study),
         headline=_headline(study),
-        parts=(_can(study), _how(study), _which(study), _holds(study)),
+        parts=(_can(study), _how(study), _which(study), _holds(study), *_flies(study)),
         command=_command(study),
         versions=versions(),
         file=Path(study.scenario.file).name,
@@ -132,6 +134,19 @@ def _holds(study: Study) -> Part:
         Picture(consistency_figure(study), captions.on_the_consistency(study)),
     )
     return Part("holds", "4 Does it hold?", wording.held(study), pictures, (tables.checks_table(study),), wording.reasons(study))
+
+
+def _flies(study: Study) -> tuple[Part, ...]:
+    flight, asked = study.flight, study.scenario.flight
+    if flight is None or asked is None:
+        return ()
+    drawings = (
+        (flight_map_figure, flying.on_the_flight_map),
+        (flight_estimates_figure, flying.on_the_flight_estimates),
+    )
+    shown = tuple(Picture(svg, caption(study)) for drawing, caption in drawings if (svg := drawing(study)))
+    answered = flying.in_flight(study, flight, asked)
+    return (Part("flight", "5 In flight?", answered, shown, (flying.errors_table(study, flight), flying.plans_table(study, flight))),)
 
 
 def _command(study: Study) -> str:

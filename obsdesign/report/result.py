@@ -7,14 +7,19 @@ import platform
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
+from statistics import median
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 import obsdesign
+from obsdesign.design.limits import Shortfall
 from obsdesign.design.record import Design, Evidence
+from obsdesign.flight import Flight
 from obsdesign.information.shares import Contributions
 from obsdesign.report.expectations import Expectation, expectations
+from obsdesign.report.flying import broken, final_errors
 from obsdesign.study import Analysis, Candidate, Quality, Selection, Study
 from obsdesign.validation import Validation
 
@@ -188,6 +193,37 @@ class ValidationPart(_Part):
     runs: int
 
 
+class PlanPart(_Part):
+    """A plan made on a flight."""
+
+    status: str
+    feasible: bool = Field(description="whether it keeps every limit from where the filter believes to be")
+    age: int = Field(description="how many plans ago its inputs were found")
+    value: Number = Field(description="objective of the plan, what the filter knows included; null: not computed")
+
+
+class FlownPart(_Part):
+    """A flight with the filter in the loop; histories by state or input."""
+
+    truth: dict[str, list[float]]
+    mean: dict[str, list[float]] = Field(description="the filter's estimate")
+    std: dict[str, list[float]] = Field(description="the filter's standard deviation")
+    u: dict[str, list[float]] = Field(description="inputs, one fewer than t")
+    nees: list[float]
+    final_error: dict[str, float] = Field(description="|estimate - truth| at the end")
+    final_std: dict[str, float]
+    shortfalls: list[ShortfallPart] = Field(description="limits that the true states broke, worst first")
+
+
+class FlightPart(_Part):
+    """A flight that was planned anew on the way, and the same with all inputs in the middle of their ranges."""
+
+    t: list[float]
+    flown: FlownPart
+    middle: FlownPart | None
+    plans: list[PlanPart]
+
+
 class Result(_Part):
     """Everything a study found. The same scenario, seed and versions give the same bytes save for `timings`."""
 
@@ -201,6 +237,7 @@ class Result(_Part):
     selection: SelectionPart
     t: list[float] = Field(description="times of the histories below [s]")
     validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule")
+    flight: FlightPart | None = Field(description="null: none was asked for")
     expected: list[Expectation]
     timings: dict[str, float] = Field(description="seconds per stage; the only part that varies from run to run")
 
@@ -240,8 +277,9 @@ def _result(study: Study, expected: list[Expectation]) -> Result:
         selection=_selection(study.selection),
         t=study.checks[0].validation.t.tolist(),
         validation=checks,
+        flight=None if study.flight is None else _flight(study, study.flight),
         expected=expected,
-        timings=dict(study.seconds),
+        timings=_timings(study),
     )
 
 
@@ -300,7 +338,7 @@ def _evidence(found: Evidence) -> EvidencePart:
 def _path(study: Study, candidate: Candidate) -> PathPart:
     return PathPart(
         feasible=candidate.feasible,
-        shortfalls=[ShortfallPart(what=each.what, time=each.time, by=each.by, unit=each.unit) for each in candidate.shortfalls],
+        shortfalls=_shortfalls(candidate.shortfalls),
         duration=candidate.duration,
         quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
         contributions=_contributions(candidate.contributions),
@@ -338,6 +376,44 @@ def _selection(selection: Selection) -> SelectionPart:
         random_median=float(random[len(random) // 2]),
         random_count=len(random),
     )
+
+
+def _flight(study: Study, flight: Flight) -> FlightPart:
+    plans = zip(flight.statuses, flight.feasible, flight.ages, flight.values, strict=True)
+    return FlightPart(
+        t=flight.t.tolist(),
+        flown=_flown(study, flight),
+        middle=None if flight.straight is None else _flown(study, flight.straight),
+        plans=[PlanPart(status=status.name, feasible=feasible, age=age, value=value) for status, feasible, age, value in plans],
+    )
+
+
+def _flown(study: Study, flight: Flight) -> FlownPart:
+    states, inputs = study.scenario.state_names, study.scenario.system.model.input_names
+    return FlownPart(
+        truth=_by_name(states, flight.truth),
+        mean=_by_name(states, flight.mean),
+        std=_by_name(states, flight.std),
+        u=_by_name(inputs, flight.u),
+        nees=flight.nees.tolist(),
+        final_error=dict(zip(states, final_errors(study, flight).tolist(), strict=True)),
+        final_std=dict(zip(states, flight.std[-1].tolist(), strict=True)),
+        shortfalls=_shortfalls(broken(study, flight)),
+    )
+
+
+def _by_name(names: tuple[str, ...], values: np.ndarray) -> dict[str, list[float]]:
+    return dict(zip(names, values.T.tolist(), strict=True))
+
+
+def _shortfalls(found: tuple[Shortfall, ...]) -> list[ShortfallPart]:
+    return [ShortfallPart(what=each.what, time=each.time, by=each.by, unit=each.unit) for each in found]
+
+
+def _timings(study: Study) -> dict[str, float]:
+    plans = study.flight.seconds if study.flight is not None else ()
+    later = {"plan, median": median(plans[1:]), "plan, longest": max(plans[1:])} if len(plans) > 1 else {}
+    return dict(study.seconds) | ({"first plan": plans[0]} if plans else {}) | later
 
 
 def _validation(study: Study, validation: Validation) -> ValidationPart:

@@ -61,6 +61,7 @@ def inline_svg(name: str, description: str, height: float, paint: Callable[[Figu
         mpl.rcParams.update(_STYLE)
         figure = Figure(figsize=(width, height), layout="constrained")
         paint(figure)
+        figure.draw_without_rendering()  # equal axes choose their limits when drawn: room for the labels of those
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
     return _embedded(buffer.getvalue(), name, description)

@@ -1,0 +1,69 @@
+"""Where a flight went that was planned anew on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from obsdesign.flight import Flight
+from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
+from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
+from obsdesign.study import Study
+
+
+def flight_map_figure(study: Study) -> str:
+    """Draw the true path and what the filter took for it, where it was planned anew, and the path of the inputs' middles."""
+    flight = study.flight
+    if flight is None or not {"x", "y"} <= set(study.scenario.state_names):
+        return ""
+    low, high = _extent(study, flight)
+    height = float(np.clip((WIDTH - 0.9) * (high - low)[1] / (high - low)[0], 1.6, 5.0)) + 1.5
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        light_grid(axes)
+        draw_shapes(axes, _shapes(study))
+        draw_landmarks(axes, study.scenario.system.model.landmarks)
+        _draw_paths(study, flight, axes)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlim(low[0], high[0], auto=True)
+        axes.set_ylim(low[1], high[1], auto=True)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+    return inline_svg("flight-map", "Map of the flight: true path, estimate and instants of planning", height, paint)
+
+
+def planned_at(study: Study, flight: Flight) -> np.ndarray:
+    """Steps at which a plan was made."""
+    every = 1 if study.scenario.flight is None else round(study.scenario.flight.every / study.scenario.time.step)
+    return np.arange(0, len(flight.u), every)
+
+
+def _shapes(study: Study) -> list:
+    return shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
+
+
+def _place(study: Study, states: np.ndarray) -> np.ndarray:
+    return states[:, list(study.designs[0].problem.position)]
+
+
+def _extent(study: Study, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+    points = [_place(study, flight.truth), _place(study, flight.mean), *(shape.points for shape in _shapes(study) if not shape.wide)]
+    points += [np.array([point]) for point in study.scenario.system.model.landmarks]
+    low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+    margin = 0.06 * float(np.max(high - low))
+    return low - margin, high + margin
+
+
+def _draw_paths(study: Study, flight: Flight, axes: Axes) -> None:
+    truth, nodes = _place(study, flight.truth), planned_at(study, flight)
+    axes.plot(*_place(study, study.designed.path.x).T, color=QUIET, linewidth=1.1, linestyle="--", label="designed beforehand", zorder=2)
+    if flight.straight is not None:
+        axes.plot(*_place(study, flight.straight.truth).T, color=VERMILLION, linewidth=1.1, label="inputs mid-range", zorder=2)
+    axes.plot(*truth.T, color=BLUE, linewidth=2.4, label="true path", zorder=3)
+    axes.plot(*_place(study, flight.mean).T, color=INK, linewidth=0.9, linestyle=":", label="filter's estimate", zorder=4)
+    look = {"linestyle": "none", "marker": "o", "markersize": 3.5, "color": BLUE, "markerfacecolor": "white"}
+    axes.plot(*truth[nodes].T, label="planned anew", zorder=5, **look)
+    axes.plot(*truth[0], linestyle="none", marker="o", markersize=7, markerfacecolor="white", markeredgecolor=INK, label="start", zorder=6)

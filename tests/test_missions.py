@@ -1,0 +1,408 @@
+"""Missions at random: what is answered is flown again by hand and breaks nothing; what is not is said to fail, and why."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import BSpline as Spline
+
+import obsdesign as od
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.design.limits import is_feasible, shortfalls
+
+STEP, FINER = 0.5, 10
+BEACON = (4.0, 6.0)
+SCALE = (5.0, 5.0, 0.5, 0.3, 0.3)
+SHARE = 1e-5  # of a limit's own size by which it may be missed
+Random = np.random.Generator
+
+# ---------------------------------------------------------------- flown by hand
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A path by hand: t (F,), x, y, heading (F,) and velocity over ground (F, 2), ten instants a step and the end."""
+
+    t: np.ndarray
+    place: np.ndarray
+    heading: np.ndarray
+    velocity: np.ndarray
+
+
+def flown(start: np.ndarray, air: np.ndarray, turn: np.ndarray) -> Flown:
+    """Arcs in the moving air, in closed form: airspeed and turn rate (N,) are held over each step."""
+    share = np.arange(FINER) / FINER * STEP
+    x, y, heading = start[:3]
+    places, headings, speeds = [], [], []
+    for v, w in zip(air, turn, strict=True):
+        along = [arc(x, y, heading, v, w, s) for s in (*share, STEP)]
+        places += [each[:2] for each in along[:-1]]
+        headings += [each[2] for each in along[:-1]]
+        speeds += [v] * FINER
+        x, y, heading = along[-1]
+    t = np.arange(len(air) * FINER + 1) * STEP / FINER
+    place = np.array([*places, (x, y)]) + t[:, None] * start[3:]
+    headings, speeds = np.array([*headings, heading]), np.array([*speeds, air[-1]])
+    velocity = speeds[:, None] * np.column_stack([np.cos(headings), np.sin(headings)]) + start[3:]
+    return Flown(t, place, headings, velocity)
+
+
+def flown_with(problem: od.DesignProblem, u: np.ndarray) -> Flown:
+    return flown(problem.x0, u[:, 0] if u.shape[1] == 2 else np.full(len(u), problem.system.vehicle.speed), u[:, -1])
+
+
+def arc(x: float, y: float, heading: float, v: float, w: float, s: float) -> tuple[float, float, float]:
+    """Where one is after s seconds: a chord of length 2 v / w sin(w s / 2) along the mean heading."""
+    chord = v * s * np.sinc(w * s / 2 / np.pi)
+    return x + chord * math.cos(heading + w * s / 2), y + chord * math.sin(heading + w * s / 2), heading + w * s
+
+
+def distance(path: Flown, point: tuple[float, float]) -> np.ndarray:
+    return np.hypot(path.place[:, 0] - point[0], path.place[:, 1] - point[1])
+
+
+def during(path: Flown, first: float, last: float | None) -> np.ndarray:
+    return (path.t >= first - 1e-9) & (path.t <= (path.t[-1] if last is None else last) + 1e-9)
+
+
+def depth(corners: Any, path: Flown) -> tuple[np.ndarray, float]:
+    """How far inside a convex polygon each place lies [m], < 0 outside; and twice its area over its perimeter."""
+    points = np.array(corners)
+    edges = np.roll(points, -1, axis=0) - points
+    twice_area = float(np.sum(points[:, 0] * np.roll(points[:, 1], -1) - np.roll(points[:, 0], -1) * points[:, 1]))
+    lengths = np.hypot(edges[:, 0], edges[:, 1])
+    away = path.place[:, None, :] - points
+    left = (edges[:, 0] * away[:, :, 1] - edges[:, 1] * away[:, :, 0]) / lengths * math.copysign(1.0, twice_area)
+    return left.min(axis=1), abs(twice_area) / float(lengths.sum())
+
+
+def turned_from(heading: np.ndarray, aim: float) -> np.ndarray:
+    """The angle between two headings, in [0, pi]."""
+    return np.abs((heading - aim + np.pi) % (2 * np.pi) - np.pi)
+
+
+def missed(limit: AbstractConstraint, path: Flown) -> float:
+    """By which share of its size a path misses a limit; <= 0 where it holds."""
+    speed = np.hypot(path.velocity[:, 0], path.velocity[:, 1])
+    match limit:
+        case od.Goal():
+            return float(distance(path, limit.point)[-1] / limit.tolerance - 1)
+        case od.GoalPose():
+            off = float(turned_from(path.heading[-1:], limit.heading)[0])
+            return max(float(distance(path, limit.point)[-1] / limit.tolerance - 1), off / limit.heading_tolerance - 1)
+        case od.GoalRegion():
+            inside, size = depth(limit.corners, path)
+            return float(-inside[-1] / size)
+        case od.Via():
+            return float(distance(path, limit.point)[during(path, limit.first, limit.last)].min() / limit.tolerance - 1)
+        case od.Loiter():
+            return float(distance(path, limit.centre)[during(path, limit.first, limit.last)].max() / limit.radius - 1)
+        case od.KeepOut():
+            return float(1 - distance(path, limit.centre).min() / limit.radius)
+        case od.StandOff():
+            return float(1 - distance(path, BEACON).min() / limit.distance)
+        case od.MaxRange():
+            return float(distance(path, BEACON).max() / limit.distance - 1)
+        case od.KeepIn():
+            inside, size = depth(limit.corners, path)
+            return float(-inside.min() / size)
+        case od.KeepOutPolygon():
+            inside, size = depth(limit.corners, path)
+            return float(inside.max() / size)
+        case od.HeadingSector():
+            half = (limit.high - limit.low) % (2 * math.pi) / 2
+            return float(turned_from(path.heading, limit.low + half)[during(path, limit.first, limit.last)].max() / half - 1)
+        case od.GroundSpeed():
+            size = limit.least or limit.most if limit.least is None or limit.most is None else (limit.most - limit.least) / 2
+            slow = 0.0 if limit.least is None else limit.least - speed.min()
+            return float(max(slow, 0.0 if limit.most is None else speed.max() - limit.most) / size)
+    raise AssertionError(f"{limit} has no geometry here")
+
+
+def cost_by_hand(cost: Any, path: Flown, u: np.ndarray) -> float:
+    """Length over ground with the velocity at the beginning of each step; effort of the turn rate."""
+    if isinstance(cost, od.PathLength):
+        return float(np.hypot(*path.velocity[:-1:FINER].T).sum() * STEP)
+    return float((u[:, -1] ** 2).sum() * STEP)
+
+
+def steepest(problem: od.DesignProblem, p: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The largest |du/dt| of each input (m,): slopes between middles of pieces, or of the splines."""
+    m, seconds = u.shape[1], len(u) * STEP
+    if isinstance(problem.path, od.BSpline):
+        degree, points = problem.path.degree, problem.path.points
+        knots = np.concatenate([np.zeros(degree), np.linspace(0, seconds, points - degree + 1), np.full(degree, seconds)])
+        t = np.linspace(0, seconds, 400)
+        return np.array([np.abs(Spline(knots, column, degree).derivative()(t)).max() for column in p.reshape(m, points)])
+    edges = np.round(np.arange(problem.path.pieces + 1) * len(u) / problem.path.pieces + 1e-9).astype(int)
+    held, middles = u[edges[:-1]], (edges[1:] + edges[:-1]) / 2 * STEP
+    return np.abs(np.diff(held, axis=0) / np.diff(middles)[:, None]).max(axis=0)
+
+
+# ---------------------------------------------------------------- missions
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A problem, and inputs that meet all its limits; None where nobody knows whether there are any."""
+
+    problem: od.DesignProblem
+    known: np.ndarray | None
+
+
+def anywhere(size: float, random: Random) -> np.ndarray:
+    """A vector of this length to any side."""
+    angle = random.uniform(-np.pi, np.pi)
+    return size * np.array([math.cos(angle), math.sin(angle)])
+
+
+def mission(seed: int) -> Mission:
+    """A random problem: limits are put round a path that exists; in one of five, another goal is as well."""
+    random = np.random.default_rng(seed)
+    speed, steps = random.uniform(0.8, 1.5), int(random.integers(20, 33))
+    sharpest = random.uniform(0.35, 0.8)
+    bounds = {"turn_rate": (-sharpest, sharpest * random.uniform(0.8, 1.0))}
+    vehicle = od.Dubins(speed, wind="constant")
+    if random.random() < 0.3:
+        vehicle, bounds = od.Unicycle(wind="constant"), {"speed": (0.5 * speed, 1.2 * speed), **bounds}
+    sensors = (od.GPS(2.0), od.Range(BEACON, 1.0), od.Bearing(BEACON, 0.1)) if random.random() < 0.7 else (od.GPS(1.0),)
+    wind = anywhere(random.uniform(0, 0.4), random)
+    start = np.array([*random.uniform(-3, 3, 2), random.uniform(-np.pi, np.pi), *wind])
+    pieces = int(random.integers(8, 17))
+    path = od.BSpline(max(5, pieces // 2)) if random.random() < 0.2 else od.PiecewiseConstant(pieces)
+    bare = od.DesignProblem(od.System(vehicle, sensors), start, steps * STEP, STEP, path, bounds, scale=SCALE)
+    p = smooth_parameters(bare, random)
+    u = np.asarray(path.inputs(p, bare.grid), dtype=float).reshape(steps, -1)
+    known = flown(start, u[:, 0] if u.shape[1] == 2 else np.full(steps, speed), u[:, -1])
+    limits = [LIMITS[i](known, random) for i in random.choice(len(LIMITS), int(random.integers(1, 5)), replace=False)]
+    exists = random.random() < 0.8
+    if not exists:
+        place = known.place[0] + wind * known.t[-1] + anywhere(speed * (known.t[-1] - 2.0) * random.random(), random)
+        limits = [each for each in limits if not isinstance(each, (od.Goal, od.GoalPose, od.GoalRegion))]
+        limits.append(od.Goal(tuple(place.tolist()), random.uniform(0.5, 1.5)))
+    changes: dict[str, Any] = {"constraints": tuple(limit for limit in limits if limit is not None)}
+    if random.random() < 0.2:
+        each = steepest(bare, p, u) * random.uniform(1.1, 2.0)
+        changes["rates"] = dict(zip(bare.system.model.input_names, (each + 1e-3).tolist(), strict=True))
+    if random.random() < 0.2:
+        cost = od.PathLength() if random.random() < 0.5 else od.Effort({"turn_rate": 1.0})
+        changes["budgets"] = (od.Budget(cost, cost_by_hand(cost, known, u) * random.uniform(1.05, 1.5)),)
+    if random.random() < 0.1:
+        seconds = STEP * int(random.integers(8, 13))
+        least = lowest_window(bare, od.simulate(bare.system, start, u, STEP), seconds)
+        changes["floor"] = od.Floor(seconds, max(least, 1e-6) * random.uniform(0.5, 0.9))
+    return Mission(dataclasses.replace(bare, **changes), u if exists else None)
+
+
+def smooth_parameters(problem: od.DesignProblem, random: Random) -> np.ndarray:
+    """Parameters of the family that change slowly: half a wave or two across the range."""
+    lower, upper = problem.path.box(problem.grid)
+    columns = []
+    for low, high in zip(problem.lower, problem.upper, strict=True):
+        share = np.linspace(0, 1, len(lower) // len(problem.lower))
+        wave = np.sin(2 * np.pi * (random.uniform(0.3, 1.5) * share + random.random()))
+        columns.append((low + high) / 2 + random.uniform(0.3, 0.9) * (high - low) / 2 * wave)
+    return np.clip(np.concatenate(columns), lower, upper)
+
+
+def lowest_window(problem: od.DesignProblem, path: od.Trajectory, seconds: float) -> float:
+    """The least lambda_min(S W S) over stretches that begin every half of their length, and the last one, each a path of its own."""
+    length = round(seconds / STEP)
+    first = {*range(0, path.steps - length + 1, length // 2), path.steps - length}
+    parts = [od.variational_gramian(problem.system, path.part(k, k + length)).total for k in first]
+    return min(float(np.linalg.eigvalsh(W * np.outer(SCALE, SCALE))[0]) for W in parts)
+
+
+def beside(point: np.ndarray, size: float, random: Random) -> tuple[float, float]:
+    """A point at most so far from another."""
+    return tuple(float(each) for each in point + random.uniform(-0.7, 0.7, 2) * size)
+
+
+def via(path: Flown, random: Random) -> od.Via:
+    k, size = int(random.integers(len(path.t) // 4, len(path.t))), random.uniform(0.4, 1.2)
+    point = beside(path.place[k], size, random)
+    if random.random() < 0.5:
+        return od.Via(point, size)
+    first = max(0.0, round((path.t[k] - random.uniform(0.5, 3)) / STEP) * STEP)
+    return od.Via(point, size, first, min(path.t[-1], first + 6.0))
+
+
+def loiter(path: Flown, random: Random) -> od.Loiter:
+    first = round(random.uniform(0.2, 0.8) * path.t[-1] / STEP) * STEP
+    last = min(first + 3.0, path.t[-1]) if random.random() < 0.7 else None
+    stay = path.place[during(path, first, last)]
+    centre = stay.mean(axis=0)
+    return od.Loiter(tuple(centre.tolist()), float(np.hypot(*(stay - centre).T).max()) * random.uniform(1.05, 1.5) + 0.1, first, last)
+
+
+def off_the_path(path: Flown, random: Random) -> tuple[np.ndarray, float]:
+    """A point beside the path, and its distance from it."""
+    k = int(random.integers(len(path.t) // 4, len(path.t)))
+    side = random.uniform(0.8, 3.0) * random.choice([-1, 1])
+    centre = path.place[k] + side * np.array([-math.sin(path.heading[k]), math.cos(path.heading[k])])
+    return centre, float(distance(path, tuple(centre)).min())
+
+
+def keep_out(path: Flown, random: Random) -> od.KeepOut | None:
+    centre, way = off_the_path(path, random)
+    return od.KeepOut(tuple(centre.tolist()), way * random.uniform(0.5, 0.95)) if way > 0.3 else None
+
+
+def ring(centre: np.ndarray, radius: float, corners: int, random: Random) -> tuple[tuple[float, float], ...]:
+    angles = random.uniform(0, 2 * np.pi) + np.arange(corners) * 2 * np.pi / corners
+    return tuple((float(centre[0] + radius * math.cos(a)), float(centre[1] + radius * math.sin(a))) for a in angles)
+
+
+def keep_out_polygon(path: Flown, random: Random) -> od.KeepOutPolygon | None:
+    centre, way = off_the_path(path, random)
+    # its edges are moved outwards by 0.02 log m of its size, which is below its radius
+    return od.KeepOutPolygon(ring(centre, 0.85 * way, int(random.integers(3, 7)), random)) if way > 0.3 else None
+
+
+def keep_in(path: Flown, random: Random) -> od.KeepIn:
+    (left, low), (right, high) = path.place.min(axis=0) - random.uniform(0.2, 2, 2), path.place.max(axis=0) + random.uniform(0.2, 2, 2)
+    corners = ((left, low), (right, low), (right, high), (left, high))
+    return od.KeepIn(corners if random.random() < 0.5 else corners[::-1])
+
+
+def goal(path: Flown, random: Random) -> od.Goal:
+    size = random.uniform(0.3, 1.5)
+    return od.Goal(beside(path.place[-1], size, random), size)
+
+
+def goal_pose(path: Flown, random: Random) -> od.GoalPose:
+    size, angle = random.uniform(0.3, 1.5), random.uniform(0.2, 0.8)
+    aim = path.heading[-1] + random.uniform(-0.8, 0.8) * angle
+    return od.GoalPose(beside(path.place[-1], size, random), float(aim), size, angle)
+
+
+def goal_region(path: Flown, random: Random) -> od.GoalRegion:
+    size = random.uniform(0.5, 1.5)
+    return od.GoalRegion(ring(np.array(beside(path.place[-1], 0.3 * size, random)), size, int(random.integers(3, 7)), random))
+
+
+def sector(path: Flown, random: Random) -> od.HeadingSector | None:
+    first = round(random.uniform(0.2, 0.8) * path.t[-1] / STEP) * STEP
+    last = min(first + 4.0, path.t[-1]) if random.random() < 0.7 else None
+    seen = path.heading[during(path, first, last)]
+    low, high = float(seen.min() - random.uniform(0.1, 0.5)), float(seen.max() + random.uniform(0.1, 0.5))
+    return od.HeadingSector(low, high, first, last) if high - low < 6 else None
+
+
+def stand_off(path: Flown, random: Random) -> od.StandOff:
+    return od.StandOff(float(distance(path, BEACON).min()) * random.uniform(0.4, 0.95), (BEACON,))
+
+
+def max_range(path: Flown, random: Random) -> od.MaxRange:
+    return od.MaxRange(float(distance(path, BEACON).max()) * random.uniform(1.02, 1.4), (BEACON,))
+
+
+def ground_speed(path: Flown, random: Random) -> od.GroundSpeed:
+    speed = np.hypot(*path.velocity.T)
+    least, most = float(speed.min() * random.uniform(0.6, 0.97)), float(speed.max() * random.uniform(1.03, 1.4))
+    return [od.GroundSpeed(least, most), od.GroundSpeed(least=least), od.GroundSpeed(most=most)][int(random.integers(3))]
+
+
+LIMITS: tuple[Callable[[Flown, Random], AbstractConstraint | None], ...] = (
+    goal,
+    goal_pose,
+    goal_region,
+    via,
+    keep_out,
+    keep_out_polygon,
+    keep_in,
+    stand_off,
+    max_range,
+    sector,
+    loiter,
+    ground_speed,
+)
+
+
+def require_all_kept(problem: od.DesignProblem, design: od.Design) -> None:
+    """Every limit of an answered mission, by hand; and its value."""
+    u = design.trajectory.u
+    path = flown_with(problem, u)
+    np.testing.assert_allclose(design.trajectory.x[:, :2], path.place[::FINER], atol=1e-3)
+    assert len(u) == problem.steps
+    width = problem.upper - problem.lower
+    assert np.all((u >= problem.lower - SHARE * width) & (u <= problem.upper + SHARE * width))
+    for limit in problem.constraints:
+        share = missed(limit, path)
+        assert share <= SHARE, f"{limit} is missed by {share:.2e}"
+    for name, change in zip(problem.system.model.input_names, steepest(problem, design.p, u), strict=True):
+        assert change <= problem.rates.get(name, np.inf) * (1 + SHARE)
+    for budget in problem.budgets:
+        assert cost_by_hand(budget.cost, path, u) <= budget.at_most * (1 + SHARE)
+    if problem.floor is not None:
+        assert lowest_window(problem, design.trajectory, problem.floor.seconds) >= problem.floor.value * (1 - SHARE)
+    W = od.variational_gramian(problem.system, design.trajectory).total * np.outer(SCALE, SCALE)
+    assert design.value == pytest.approx(float(np.linalg.eigvalsh(W)[0]), rel=1e-6, abs=1e-12 * float(np.trace(W)))
+
+
+def names_of(problem: od.DesignProblem) -> list[str]:
+    """How the limits of a mission begin in messages."""
+    names = [str(limit).split(":")[0] for limit in problem.constraints] + [str(budget.cost) for budget in problem.budgets]
+    return names + ["Floor"] * (problem.floor is not None) + ["rate"] * bool(problem.rates)
+
+
+def test_two_hundred_missions_are_flown_as_asked_or_refused_with_a_reason():
+    """Most are answered, though only two starts are tried and one mission in five may have no path at all."""
+    tally: Counter[tuple[bool, str]] = Counter()
+
+    @settings(max_examples=200, derandomize=True, deadline=None, database=None, phases=(Phase.generate,))
+    @given(seed=st.integers(0, 2**32 - 1))
+    def fly(seed: int) -> None:
+        asked = mission(seed)
+        problem = asked.problem
+        design = od.design_trajectory(problem, starts=2, seed=seed % 7, throw=False)
+        tally[asked.known is not None, design.status.name] += 1
+        if design.status.has_answer:
+            require_all_kept(problem, design)
+            return
+        assert design.trajectory is None
+        assert np.isnan(design.value)
+        assert any(name in design.reason for name in names_of(problem)), f"{design.status}: {design.reason!r}"
+
+    fly()
+    answered = sum(count for (_, status), count in tally.items() if status == "LOCALLY_OPTIMAL")
+    total = sum(tally.values())
+    assert total >= 200
+    assert answered >= 0.6 * total, tally
+
+
+def test_the_path_that_a_mission_is_built_round_meets_it_by_hand_and_by_the_library():
+    """So that a mission that is said to have a path has one; two geometries, one answer."""
+    for asked in map(mission, range(40)):
+        problem = asked.problem
+        if asked.known is not None:
+            path = flown_with(problem, asked.known)
+            assert max(missed(limit, path) for limit in problem.constraints) < 0
+            assert is_feasible(problem, od.simulate(problem.system, problem.x0, asked.known, STEP))
+
+
+def test_a_path_at_random_breaks_the_same_limits_by_hand_and_by_the_library():
+    broken = 0
+    for seed, asked in enumerate(map(mission, range(40))):
+        problem = asked.problem
+        p = np.random.default_rng(seed).uniform(*problem.path.box(problem.grid))
+        u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)
+        path = flown_with(problem, u)
+        named = {short.what: short for short in shortfalls(problem, od.simulate(problem.system, problem.x0, u, STEP))}
+        for limit in problem.constraints:
+            share = missed(limit, path)
+            if abs(share) > 0.05 or (share > 1e-3 and not isinstance(limit, od.KeepOutPolygon)):  # widened by 0.02 log m of its size
+                broken += share > 0
+                assert (str(limit) in named) == (share > 0)
+            if share > 1e-3 and not isinstance(limit, (od.KeepOutPolygon, od.HeadingSector, od.GoalPose)):  # chords, not angles
+                assert -named[str(limit)].margin == pytest.approx(share, rel=2e-2)
+    assert broken > 20
