@@ -70,8 +70,8 @@ from .sensors.range import Range as Range
 from .signals import Signal as Signal
 from .simulation import simulate as simulate
 from .status import Status as Status
-from .study import Study as Study
-from .study import run as run
+from .study.record import Study as Study
+from .study.running import run as run
 from .system import System as System
 from .trajectory import Trajectory as Trajectory
 from .validation import Validation as Validation

@@ -18,7 +18,7 @@ from obsdesign.errors import InputError, ObsdesignError, ScenarioError, SolveErr
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from obsdesign.report.result import Result
+    from obsdesign.report.document import Result
 
 _EXAMPLES = """examples:
   obsdesign check scenarios/aerosonde_wind.toml
@@ -108,7 +108,7 @@ def _run(options: argparse.Namespace) -> Exit:
     from rich.console import Console
 
     from obsdesign.report.folder import as_json, write_report
-    from obsdesign.study import run
+    from obsdesign.study.running import run
 
     errors = Console(stderr=True, highlight=False)
     silent = options.quiet or not sys.stderr.isatty()
@@ -141,7 +141,7 @@ def _schema(options: argparse.Namespace) -> Exit:
     if options.document == "scenario":
         from obsdesign.scenario.schema import Scenario as Document
     else:
-        from obsdesign.report.result import Result as Document
+        from obsdesign.report.document import Result as Document
     print(json.dumps(Document.model_json_schema(), indent=1))
     return Exit.DONE
 

@@ -98,7 +98,7 @@ def shortest_through(start: Pose, points: Sequence[Sequence[float]], end: Place 
     ever finer steps around the best ones): a good one, not proven to be the shortest. Raises InputError as `curves` does.
     """
     require_positive("radius", radius)
-    places = [*(np.array(as_pair("points", point)) for point in points), *([] if end is None else [_numbers("end", end, 2, 3)])]
+    places = [*(np.array(as_pair(f"points[{i}]", point)) for i, point in enumerate(points)), *([] if end is None else [_numbers("end", end, 2, 3)])]
     if not places:
         raise InputError("points: must be at least one where there is no end")
     via = np.array([place[:2] for place in places[:-1]]).reshape(-1, 2)
@@ -244,10 +244,10 @@ def _to_pose(z: np.ndarray, turn: np.ndarray, slack: float) -> tuple[np.ndarray,
     By the way between the centres of the first and the last circle: p exp(i a), a the heading of the straight, for LSL;
     (p - 2i) exp(i a) for LSR; 4 sin(p / 2) exp(i (a - p / 2)), a the heading where the middle arc begins, for LRL.
     """
-    same = z - 2 * np.sin(turn / 2) * np.exp(0.5j * turn)
-    opposite = z - 1j * (1 + np.exp(1j * turn))
-    along, apart, across = np.angle(same), np.abs(same), np.abs(opposite)
-    straight = np.where(across >= 2 - slack, np.sqrt(np.maximum((across - 2) * (across + 2), 0)), np.nan)
+    chord = 2 * np.sin(turn / 2) * np.exp(0.5j * turn)  # i (1 - exp(i turn)), small where the turn is
+    same, opposite = z - chord, z + chord - 2j
+    along, apart = np.angle(same), np.abs(same)
+    straight = _leg(z + chord, 2, slack)
     crossing = np.angle(opposite) + np.arctan2(2, straight)
     middle = np.where(apart <= 4 + slack, 2 * np.pi - 2 * np.arcsin(np.minimum(apart / 4, 1)), np.nan)
     leaving = along + middle / 2
@@ -265,15 +265,19 @@ def _to_point(z: np.ndarray, slack: float) -> tuple[np.ndarray, ...]:
     """
     from_centre = z - 1j
     bearing, apart = np.angle(from_centre), np.abs(from_centre)
-    squared = np.maximum((apart - 1) * (apart + 1), 0)
-    straight = np.where(apart >= 1 - slack, np.sqrt(squared), np.nan)
-    within = (apart >= 1 - slack) & (apart <= 3 + slack)
-    arc = np.where(within, 2 * np.pi - 2 * np.arcsin(np.sqrt(np.minimum(squared / 8, 1))), np.nan)
+    straight = _leg(z, 1, slack)
+    arc = np.where(apart <= 3 + slack, 2 * np.pi - 2 * np.arcsin(np.minimum(straight / np.sqrt(8), 1)), np.nan)
     none = np.zeros_like(bearing)
     return (
         _parts(bearing + np.arctan2(1, straight), straight, none),
         _parts(bearing - np.angle(1j * (np.exp(-1j * arc) - 2)), arc, none),
     )
+
+
+def _leg(z: np.ndarray, other: int, slack: float) -> np.ndarray:
+    """sqrt(|z - other i|^2 - other^2), without cancellation near z = 0; NaN where that is imaginary by more than rounding."""
+    squared = np.abs(z) ** 2 - 2 * other * z.imag
+    return np.where(squared >= -2 * other * slack, np.sqrt(np.maximum(squared, 0)), np.nan)
 
 
 def _parts(first: np.ndarray, middle: np.ndarray, last: np.ndarray) -> np.ndarray:

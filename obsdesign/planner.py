@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.question import observability
-from obsdesign.checks import as_array, require_count, whole_multiple
+from obsdesign.checks import as_array, require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Span
+from obsdesign.costs._terms import Budget
 from obsdesign.criteria.posterior import Posterior
 from obsdesign.design.aim import aim_of
 from obsdesign.design.ascent import FEASIBLE, Limits, Warm, climb
 from obsdesign.design.ascent import ITERATIONS as TO_THE_END
 from obsdesign.design.choosing import objective_of
 from obsdesign.design.climbing import families_of
-from obsdesign.design.limits import Shortfall, rows_of, shortfalls, tightened
+from obsdesign.design.limits import ALLOWED, Shortfall, fine_margins, rows_of, shortfalls, tightened
 from obsdesign.design.nodes import nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Multipliers, Program, Rows
@@ -38,7 +39,7 @@ from obsdesign.simulation import as_state, simulate
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
-ITERATIONS, ENOUGH = 4, 1e-2  # of a warm step at most; relative gain of one after which there is no other
+ITERATIONS, ENOUGH = 4, 5e-2  # of a warm step at most; relative gain of one after which there is no other
 Horizon = Literal["receding", "shrinking"]
 
 _FIRST_ROUNDS = 8  # of climbing again with tighter rows, in the first step
@@ -76,6 +77,14 @@ class _Later(AbstractConstraint):
 
     def margins(self, moment: Moment) -> list[Coordinate]:
         return self.constraint.margins(moment)
+
+
+def _later(constraint: AbstractConstraint, gone: float) -> _Later | None:
+    """Return a constraint as of `gone` [s] later, None where its time is over."""
+    span = constraint.span
+    first, last = (None if time is None else max(0.0, time - gone) for time in (span.first, span.last))
+    over = span.last is not None and span.last < gone - 1e-9
+    return None if over else _Later(constraint, Span(first, last, span.anywhere))
 
 
 @dataclass(frozen=True)
@@ -165,8 +174,8 @@ class Plan:
     """A path from where the vehicle is.
 
     trajectory: from x_now at its t = 0 on; value: what is maximised, recomputed: criterion(S (W + prior) S) minus prices, NaN where
-    that was not done; feasible: whether the path breaks no limit, x_now being a state, looked at ten times as often as the steps;
-    status: how this step's climb ended, ITERATION_LIMIT being usual; reason: in words what went wrong, else "";
+    that was not done; feasible: the path begins at x_now and breaks no limit, looked at ten times as often as the steps;
+    status: how this step's climb ended, ITERATION_LIMIT being usual; reason: in words what went wrong or is broken, else "";
     age: how many steps ago the inputs were found, 0 = now; time [s]: since the first plan; seconds: wall time that the step took.
     """
 
@@ -191,16 +200,165 @@ class Plan:
         return self.memory.p
 
 
-@dataclass(frozen=True, eq=False)
-class _Call:
-    """The arguments of one step, as they came."""
+# ---------------------------------------------------------------- the problem from now on
 
-    x_now: ArrayLike
-    previous: Plan | None
-    prior: Prior | ArrayLike | None
-    deadline: float | None
-    elapsed: float | None
-    began: float
+
+@dataclass(frozen=True, eq=False)
+class _Now:
+    """The problem from where the vehicle is; memory: moved on to now; path: the one to fall back on.
+
+    margins (r,): of the constraints, at x_now, inf of what need not hold there; broken: those that x_now is beyond.
+    """
+
+    problem: DesignProblem
+    family: _Moved
+    memory: Memory
+    path: Trajectory
+    margins: np.ndarray
+    broken: tuple[Shortfall, ...]
+
+    def course(self, u: np.ndarray) -> _Course:
+        """Return the path of inputs (N, m)."""
+        return _Course(self.problem, simulate(self.problem.system, self.problem.x0, u, self.problem.step))
+
+
+@dataclass(frozen=True, eq=False)
+class _Mission:
+    """A problem as time goes by: each time anew, or, if it shrinks, until its duration is over."""
+
+    problem: DesignProblem
+    shrinks: bool
+
+    @cached_property
+    def fresh(self) -> Memory:
+        """The memory before anything was flown: all inputs in the middle of their ranges."""
+        problem = self.problem
+        return Memory(0, problem.path.fit(self.middle.u, problem.grid), 0, spent=(0.0,) * len(problem.budgets))
+
+    @cached_property
+    def middle(self) -> Trajectory:
+        """The path of these inputs from the problem's own start."""
+        problem = self.problem
+        return simulate(problem.system, problem.x0, np.tile(problem.grid.centre, (problem.steps, 1)), problem.step)
+
+    @property
+    def period(self) -> int:
+        """Steps per parameter of one input: moved by so many, a path of evenly spread parameters is one of its family again."""
+        grid = self.problem.grid
+        return max(1, grid.steps * len(grid.names) // max(1, len(self.fresh.p)))
+
+    def now(self, x: np.ndarray, previous: Plan | None, elapsed: int, prior: Prior | ArrayLike | None) -> _Now:
+        """Return the problem from x on, so many steps after the previous plan."""
+        problem = self.problem
+        memory = self.fresh if previous is None else self._moved_on(previous, elapsed)
+        steps = max(1, problem.steps - memory.gone) if self.shrinks else problem.steps
+        u = self.middle.u if previous is None else previous.trajectory.u[_onward(previous.trajectory.steps, elapsed, steps)]
+        path, family, floor = simulate(problem.system, x, u, problem.step), self._family(memory), problem.floor
+        constraints, margins, broken = self._constraints(path, memory)
+        changed = replace(
+            problem,
+            start=x,
+            duration=steps * problem.step,
+            path=family,
+            constraints=constraints,
+            budgets=self._budgets(memory),
+            floor=None if floor is not None and round(floor.seconds / problem.step) > steps else floor,
+            **_knowing(problem, x, prior),
+        )
+        return _Now(changed, family, memory, path, margins, broken)
+
+    def _family(self, memory: Memory) -> _Moved:
+        problem = self.problem
+        plain = _Moved(problem.path, problem.steps, memory.by)
+        return replace(plain, flown=tuple(memory.p[~plain.live(problem.grid)].tolist()))
+
+    def limits(self, memory: Memory) -> dict[int, _Later]:
+        """Return the constraints from now on by their indices, without those whose time is over and those that have been met."""
+        gone = memory.gone * self.problem.step if self.shrinks else 0.0
+        every = {i: _later(each, gone) for i, each in enumerate(self.problem.constraints) if i not in memory.met}
+        return {i: each for i, each in every.items() if each is not None}
+
+    def _constraints(self, path: Trajectory, memory: Memory) -> tuple[tuple[_Later, ...], np.ndarray, tuple[Shortfall, ...]]:
+        """Return the limits from now on, their margins at the start of a path, and which of them it is beyond.
+
+        Those must hold again from when the path is back within them: to be less far beyond them nothing else shall be given up.
+        """
+        kept, broken = list(self.limits(memory).values()), []
+        if not kept:
+            return (), np.zeros(0), ()
+        functions = nodes_of(self.problem.system.model, tuple(kept), ())
+        margins, owner = functions.values(path.x, np.vstack([path.u, path.u[-1:]])), np.array(functions.owner)
+        for i, each in enumerate(kept):
+            lowest = margins[:, owner == i].min(axis=1, initial=inf)
+            if each.when.anywhere or each.when.first != 0.0:
+                margins[0, owner == i] = inf
+                continue
+            if lowest[0] >= 0:
+                continue
+            size, unit = each.size
+            broken.append(Shortfall(str(each), 0.0, float(-lowest[0] * size), unit, float(lowest[0])))
+            first, last = (int(np.argmax(lowest >= 0)) or path.steps) * self.problem.step, each.when.last
+            kept[i] = replace(each, when=Span(first, last if last is None else max(first, last)))
+        return tuple(kept), margins[0], tuple(broken)
+
+    def _budgets(self, memory: Memory) -> tuple[Budget, ...]:
+        """Return what is left of each budget; next to nothing of one that is used up."""
+        pairs = zip(self.problem.budgets, memory.spent, strict=True)
+        return tuple(replace(each, at_most=max(each.at_most - spent, 1e-9 * each.at_most)) for each, spent in pairs)
+
+    def _moved_on(self, previous: Plan, steps: int) -> Memory:
+        """Return a plan's memory so many steps later."""
+        problem, memory = self.problem, previous.memory
+        rows = None if memory.rows is None else replace(memory.rows, node=memory.rows.node - steps)
+        later = replace(memory, gone=memory.gone + steps, by=memory.by + steps, rows=rows)
+        if self.shrinks:
+            met, spent = self._accounts(previous, steps)
+            return replace(later, by=min(later.by, problem.steps - 1), met=met, spent=spent)
+        whole = later.by // self.period * self.period
+        if not whole:
+            return later
+        u = _inputs(problem, memory.p)
+        return replace(later, by=later.by - whole, p=problem.path.fit(u[_onward(len(u), whole, len(u))], problem.grid))
+
+    def _accounts(self, previous: Plan, steps: int) -> tuple[frozenset[int], tuple[float, ...]]:
+        """Return which limits that count once have been met by now, and what is spent of each budget, as it was planned."""
+        problem, memory, path = self.problem, previous.memory, previous.trajectory
+        flown = min(steps, path.steps)
+        if not flown or not (problem.budgets or any(each.span.anywhere for each in problem.constraints)):
+            return memory.met, memory.spent
+        part = path.part(0, flown)
+        costs = nodes_of(problem.system.model, (), tuple(each.cost for each in problem.budgets)).values(part.x[:-1], part.u)
+        spent = np.array(memory.spent) + costs.sum(axis=0) * problem.step
+        fine, met = fine_margins(problem, part), set(memory.met)
+        t, owner = memory.gone * problem.step + fine.t, np.array(fine.nodes.owner)
+        for i, each in enumerate(problem.constraints):
+            first, last = (problem.longest if time is None else time for time in (each.span.first, each.span.last))
+            within = (t >= first - 1e-9) & (t <= last + 1e-9)
+            if each.span.anywhere and (fine.margins[np.ix_(within, owner == i)].min(axis=1, initial=inf) >= -ALLOWED).any():
+                met.add(i)
+        return frozenset(met), tuple(spent.tolist())
+
+
+def _knowing(problem: DesignProblem, x: np.ndarray, prior: Prior | ArrayLike | None) -> dict[str, Any]:
+    """Return what of a problem is different with a prior of x (n,): `known`, or the priors of criterion and draws."""
+    robust, changes = problem.robust, {}
+    information = prior.information if isinstance(prior, Prior) else None if prior is None else as_array("prior", prior)
+    if robust is not None:
+        covariance = robust.prior.covariance if information is None else _inverse(information)
+        changes["robust"] = replace(robust, prior=Prior(x, covariance=covariance))
+    if information is not None and isinstance(problem.criterion, Posterior):
+        changes["criterion"] = replace(problem.criterion, prior=Prior(x, covariance=_inverse(information)))
+    elif information is not None:
+        changes["known"] = information
+    return changes
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    found = np.linalg.inv(information)
+    return (found + found.T) / 2
+
+
+# ---------------------------------------------------------------- climbs
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,24 +392,6 @@ class _Course:
 
 
 @dataclass(frozen=True, eq=False)
-class _Now:
-    """The problem from x_now on; memory: moved on to now; u (N, m): inputs to fall back on.
-
-    limits: indices of its constraints; broken: those that x_now is beyond.
-    """
-
-    problem: DesignProblem
-    memory: Memory
-    u: np.ndarray
-    limits: tuple[int, ...]
-    broken: tuple[Shortfall, ...]
-
-    def course(self, u: np.ndarray) -> _Course:
-        """Return the path of inputs (N, m)."""
-        return _Course(self.problem, simulate(self.problem.system, self.problem.x0, u, self.problem.step))
-
-
-@dataclass(frozen=True, eq=False)
 class _Seed:
     """Where a climb begins."""
 
@@ -279,7 +419,106 @@ class _Found:
     pace: float
 
 
+def _improved(problem: DesignProblem, known: _Course, seed: _Seed, work: _Work) -> _Found:
+    """Climb, look between the nodes, tighten, climb again, until this keeps all limits and gains little more."""
+    best, status, done, began, before = known, Status.TIME_LIMIT, 0, perf_counter(), known.objective
+    for _ in range(work.rounds):
+        if perf_counter() >= work.limits.deadline:
+            status = Status.TIME_LIMIT
+            break
+        solution = climb(Program(problem, seed.rows), aim_of(problem), seed.p, seed.warm, limits=work.limits)
+        course = _Course(problem, simulate(problem.system, problem.x0, _inputs(problem, solution.p), problem.step))
+        best, status, done = course.or_better(best), solution.status, done + solution.iterations
+        # a climb that has not come to terms with its rows yet says nothing about what they leave out
+        rows = tightened(problem, course.path, seed.rows) if course.short and solution.violation <= FEASIBLE else None
+        seed = _Seed(solution.p, seed.rows if rows is None else rows, solution.warm)
+        gained, before = solution.objective - before, solution.objective
+        if not course.short and gained <= work.enough * abs(before):
+            break
+        if rows is None and status is not Status.ITERATION_LIMIT:
+            break
+    return _Found(best, seed, status, (perf_counter() - began) / done if done else 0.0)
+
+
+def _inputs(problem: DesignProblem, p: np.ndarray) -> np.ndarray:
+    """Return u (N, m) of parameters (q,)."""
+    u: Any = problem.path.inputs(p, problem.grid)  # pyright: ignore[reportArgumentType]  # serves both kinds
+    return np.asarray(u, dtype=float).reshape(problem.steps, -1)
+
+
+def _seeded(now: _Now, limits: tuple[int, ...]) -> _Seed:
+    """Return where the last climb stopped, its rows and multipliers moved on in time."""
+    grid, family, memory, rows = now.problem.grid, now.family, now.memory, rows_of(now.problem)
+    p = np.clip(memory.p[family.live(grid)], *family.box(grid))
+    # of a limit that is nearer than that, half of what there is
+    back = np.clip(now.margins[rows.margin] / 2, 0.0, _BACK)
+    old, warm = memory.rows, memory.warm
+    if old is None or memory.limits != limits:
+        return _Seed(p, replace(rows, allowance=back), warm)
+    same = _same(rows, old)
+    rows = replace(rows, allowance=np.maximum(np.append(old.allowance, 0.0)[same], back))
+    if warm is None:
+        return _Seed(p, rows, None)
+    before, count = warm.multipliers, len(old.node)
+    moved = np.concatenate([np.append(before.rows[:count], 0.0)[same], before.rows[count:]])
+    multipliers = Multipliers(before.matrices, before.floors, moved, before.price)
+    return _Seed(p, rows, replace(warm, multipliers=multipliers, radius=max(warm.radius, _RADIUS)))
+
+
+def _same(rows: Rows, old: Rows) -> np.ndarray:
+    """Return for each row the index of the old one at its instant, -1 without one; what counts at one instant only stays the same."""
+    shape = [max(each.max(initial=0) for each in pair) + 1 for pair in ((rows.node, old.node), (rows.margin, old.margin))]
+    place, single = np.full(shape, -1), np.full(shape[1], -1)
+    ahead = np.flatnonzero(old.node >= 0)
+    place[old.node[ahead], old.margin[ahead]] = ahead
+    single[old.margin] = np.arange(len(old.node))
+    once = np.bincount(rows.margin, minlength=shape[1])[rows.margin] == 1
+    return np.where(once, single[rows.margin], place[rows.node, rows.margin])
+
+
+def _remembered(now: _Now, found: _Found, limits: tuple[int, ...], kept: bool) -> Memory:
+    """Return what the next step begins with: where the climb stopped, or the path itself after a climb that failed."""
+    grid, family, seed = now.problem.grid, now.family, found.seed
+    memory = replace(now.memory, pace=found.pace or _PACE_KEPT * now.memory.pace, limits=limits)
+    failed = found.status in (Status.NUMERICAL_ERROR, Status.LOCALLY_INFEASIBLE)
+    if seed is None or (kept and failed):
+        return replace(memory, p=family.full(family.fit(found.course.path.u, grid), grid), warm=None)
+    return replace(memory, p=family.full(seed.p, grid), rows=seed.rows, warm=seed.warm)
+
+
+def _ended_otherwise(now: _Now, course: _Course, ahead: int) -> _Course:
+    """Return what is better than a path that breaks a limit: the path to fall back on with another end, from step `ahead` on."""
+    problem, u = now.problem, now.path.u
+    if ahead >= len(u):
+        return course
+    for last in (problem.lower, problem.upper, problem.grid.centre):
+        if not course.short:
+            break
+        course = now.course(np.vstack([u[:ahead], np.tile(last, (len(u) - ahead, 1))])).or_better(course)
+    return course
+
+
 # ---------------------------------------------------------------- the planner
+
+
+@dataclass(frozen=True, eq=False)
+class _Call:
+    """The arguments of one step, as they came."""
+
+    x_now: ArrayLike
+    previous: Plan | None
+    prior: Prior | ArrayLike | None
+    deadline: float | None
+    elapsed: float | None
+    began: float
+
+    def until(self, pace: float) -> float:
+        """Return after when no iteration may begin."""
+        if self.deadline is None:
+            return inf
+        if not isinstance(self.deadline, Real) or isnan(self.deadline):
+            raise InputError(f"deadline is {self.deadline!r}: must be a number of seconds")
+        return self.began + float(self.deadline) - _SPARE * pace - _AFTER
 
 
 @dataclass(frozen=True)
@@ -288,8 +527,9 @@ class Planner:
 
     every [s]: time from one step to the next, a whole multiple of the problem's step, None = one step;
     horizon: "receding": each plan lasts as long as the problem, whose limits count from now on; "shrinking": until the duration of
-    the problem is over, limits and budgets being those of the whole mission; iterations: of each step after the first (real-time
-    iteration: the next step goes on where this one stopped); starts: of the first step, climbed to the end.
+    the problem is over, limits and budgets being those of the whole mission; rates are limits within each plan;
+    iterations: of a step after the first at most (real-time iteration: the next one goes on from there), enough: the relative gain
+    of one after which the step is done; starts: of the first step, which climbs to the end.
     What takes long for being done the first time is done at construction, by rehearsing some steps.
     Raises UnobservableError where the sensors cannot see the whole state on any path, InputError for a duration to choose from and
     for values that do not fit. Source: Diehl, Bock and Schlöder (2005), real-time iterations.
@@ -307,19 +547,18 @@ class Planner:
         problem = self.problem
         if problem.shortest != problem.longest:
             raise InputError(f"planner: duration is {problem.duration!r}: must be one number of seconds")
-        object.__setattr__(self, "every", problem.step if self.every is None else self.every)
-        self._steps("planner: every", self.every)
         if self.horizon not in ("receding", "shrinking"):
             raise InputError(f"planner: horizon is {self.horizon!r}: must be 'receding' or 'shrinking'")
         require_count("planner: iterations", self.iterations)
+        require_positive("planner: enough", self.enough)
         require_count("planner: starts", self.starts)
         require_count("planner: seed", self.seed, least=0)
+        period = self._mission.period // gcd(self._mission.period, self._interval)
         verdict = observability(problem.system, seed=self.seed)
         if verdict.decided and not verdict.observable and not problem.about and not np.any(problem.known):
             raise UnobservableError(verdict)
-        plan = self._idle
-        period = self._period // gcd(self._period, self._steps("", self.every))
-        for _ in range(min(_REHEARSED, 2 if self._shrinks else period)):
+        plan = self._waiting
+        for _ in range(min(_REHEARSED, 2 if self._mission.shrinks else period)):
             plan = self.step(problem.x0, plan)
 
     def step(
@@ -332,11 +571,13 @@ class Planner:
     ) -> Plan:
         """Return a plan from x_now (n,). Never raises: what goes wrong is the plan's status and reason.
 
-        previous: the last plan, flown for `elapsed` [s], None = `every`; None = there is none: several starts are tried;
-        prior: what is known about x_now beside the samples that the plan counts, as Prior or information (n, n), None = the problem's
-        `known`; deadline [s] of wall time from the call, None = none, then the same arguments give the same plan.
+        previous: the last plan, flown for `elapsed` [s], None = `every`, the nearest number of steps; None = there is none: several
+        starts are tried; prior: what is known about x_now beside the samples that the plan counts, those at t = 0 among them, as
+        Prior or information (n, n), None = the problem's `known`; deadline [s] of wall time from the call, None = none: then the
+        same arguments give the same plan, `seconds` and the memory's pace apart.
         The path is the better one of a climb from the previous path, moved on in time, and of that path itself; it breaks no
-        limit if either of them breaks none. After a failure or at the deadline it is the previous path, moved on.
+        limit if either of them breaks none. After a failure or at the deadline it is the previous path, moved on; where x_now is no
+        state, from where that path is now, which is not called feasible.
         """
         call, reason = _Call(x_now, previous, prior, deadline, elapsed, perf_counter()), ""
         attempts: tuple[Callable[[_Call], Plan], ...] = (self._planned, self._followed, self._kept, self._waited)
@@ -348,331 +589,107 @@ class Planner:
                 return replace(plan, reason=reason, seconds=perf_counter() - call.began)
             except Exception as error:  # noqa: BLE001  # in flight any plan is better than none; each attempt needs less than the last
                 reason = reason or str(error) or type(error).__name__
-        return replace(self._idle, reason=reason, seconds=perf_counter() - call.began)
+        return replace(self._waiting, reason=reason, seconds=perf_counter() - call.began)
 
     # ------------------------------------------------------------ attempts
 
     def _planned(self, call: _Call) -> Plan:
         """Climb from the previous path, or from several starts."""
         x, previous = as_state(self.problem.system, call.x_now, "x_now"), call.previous
-        now = self._now(x, call, call.prior)
-        known = now.course(now.u)
-        until = _until(call, now.memory.pace)
-        found = self._first(now, known, until) if previous is None else self._again(now, known, until)
+        elapsed = 0 if previous is None else self._elapsed(call)
+        now = self._mission.now(x, previous, elapsed, call.prior)
+        limits, until, known = tuple(self._mission.limits(now.memory)), call.until(now.memory.pace), _Course(now.problem, now.path)
+        if previous is None:
+            found, course = self._first(now, known, until), known
+        else:
+            work = _Work(self.iterations, Limits(1, deadline=until), self.enough)
+            found = _improved(now.problem, known, _seeded(now, limits), work)
+            course = _ended_otherwise(now, found.course, max(0, previous.trajectory.steps - elapsed))
         kept = found.course is known
-        age = previous.age + 1 if kept and previous is not None else 0
-        course = self._with_another_end(now, found.course, call)
-        return self._plan(now, course, found.status, age, self._remembered(now, found, kept))
+        course = found.course if previous is None else course
+        age = previous.age + 1 if previous is not None and (kept or course is not found.course) else 0
+        return self._plan(now, course, found.status, age, _remembered(now, found, limits, kept))
 
     def _followed(self, call: _Call) -> Plan:
         """Fly the previous path's inputs from x_now."""
         now, age = self._following(call)
         x = as_state(self.problem.system, call.x_now, "x_now")
-        course = replace(now.course(now.u), path=simulate(self.problem.system, x, now.u, self.problem.step))
-        return self._plan(now, course, Status.NUMERICAL_ERROR, age, now.memory, valued=False)
+        course = _Course(now.problem, simulate(self.problem.system, x, now.path.u, self.problem.step))
+        return self._plan(now, course, Status.NUMERICAL_ERROR, age, now.memory)
 
     def _kept(self, call: _Call) -> Plan:
         """Fly the previous path, x_now being no state."""
         now, age = self._following(call)
-        return replace(self._plan(now, now.course(now.u), Status.NUMERICAL_ERROR, age, now.memory, valued=False), feasible=False)
+        return replace(self._plan(now, _Course(now.problem, now.path), Status.NUMERICAL_ERROR, age, now.memory), feasible=False)
 
     def _following(self, call: _Call) -> tuple[_Now, int]:
         """Return the problem from where the previous path is now, and its age."""
         previous = call.previous
         if previous is None:
             raise InputError("there is no plan to follow")
-        call = replace(call, elapsed=call.elapsed if _is_time(call.elapsed) else None)
-        x = previous.trajectory.x[min(self._elapsed(call), previous.trajectory.steps)]
-        memory = replace(previous.memory, warm=None)
-        return self._now(x, replace(call, previous=replace(previous, memory=memory)), None), previous.age + 1
+        elapsed = self._elapsed(call) if _is_time(call.elapsed) else self._interval
+        x = previous.trajectory.x[min(elapsed, previous.trajectory.steps)]
+        again = replace(previous, memory=replace(previous.memory, warm=None))
+        return self._mission.now(x, again, elapsed, None), previous.age + 1
 
     def _waited(self, call: _Call) -> Plan:
         """All inputs in the middle of their ranges, from x_now."""
         x = as_state(self.problem.system, call.x_now, "x_now")
-        idle = self._idle
-        course = _Course(self.problem, simulate(self.problem.system, x, idle.trajectory.u, self.problem.step))
-        return replace(idle, trajectory=course.path, feasible=not course.short)
+        path = simulate(self.problem.system, x, self._mission.middle.u, self.problem.step)
+        return replace(self._waiting, trajectory=path, feasible=not shortfalls(self.problem, path))
 
-    @cached_property
-    def _idle(self) -> Plan:
-        problem = self.problem
-        u = np.tile(problem.grid.centre, (problem.steps, 1))
-        path = simulate(problem.system, problem.x0, u, problem.step)
-        return Plan(path, nan, Status.NUMERICAL_ERROR, False, "", 0, 0.0, 0.0, self._fresh)
+    @property
+    def _waiting(self) -> Plan:
+        """The same from the problem's own start, made before anything could go wrong."""
+        return Plan(self._mission.middle, nan, Status.NUMERICAL_ERROR, False, "", 0, 0.0, 0.0, self._mission.fresh)
 
-    def _plan(self, now: _Now, course: _Course, status: Status, age: int, memory: Memory, valued: bool = True) -> Plan:
+    def _plan(self, now: _Now, course: _Course, status: Status, age: int, memory: Memory) -> Plan:
         wrong = (*now.broken, *course.short)
-        reason = "; ".join(map(str, wrong[:3]))
-        value = course.objective if valued else nan
-        return Plan(course.path, value, status, not wrong, reason, age, memory.gone * self.problem.step, 0.0, memory)
-
-    # ------------------------------------------------------------ climbs
-
-    def _again(self, now: _Now, known: _Course, until: float) -> _Found:
-        return _improved(now.problem, known, self._seeded(now), _Work(self.iterations, Limits(1, deadline=until), self.enough))
+        # after an error nothing is computed that may be what went wrong
+        value = nan if status is Status.NUMERICAL_ERROR else course.objective
+        return Plan(
+            course.path, value, status, not wrong, "; ".join(map(str, wrong[:3])), age, memory.gone * self.problem.step, 0.0, memory
+        )
 
     def _first(self, now: _Now, known: _Course, until: float) -> _Found:
         """Climb from the most promising starts, coarse families first."""
         plain = self.problem if now.broken else replace(now.problem, constraints=self.problem.constraints)
         best, work = _Found(known, None, Status.TIME_LIMIT, 0.0), _Work(_FIRST_ROUNDS, Limits(TO_THE_END, deadline=until), inf)
-        if perf_counter() >= until:
-            return best
-        starts = [now.course(u) for _, u in islice(start_inputs(plain, self.seed), self.starts)]
+        starts = [now.course(u) for _, u in islice(start_inputs(plain, self.seed), self.starts if perf_counter() < until else 0)]
         for start in sorted(starts, key=lambda each: (bool(each.short), -each.objective)):
-            found = _Found(start, None, Status.TIME_LIMIT, 0.0)
-            for family in families_of(self.problem.path):
-                problem = replace(now.problem, path=family if family != self.problem.path else now.problem.path)
-                path = found.course.path
-                seed = _Seed(problem.path.fit(path.u, problem.grid), rows_of(problem), None)
-                found = _improved(problem, found.course, seed, work)
-            best = found if found.course.or_better(best.course) is found.course else best
             if perf_counter() >= until:
                 break
+            found = _Found(start, None, Status.TIME_LIMIT, 0.0)
+            for family in (*families_of(self.problem.path)[:-1], now.family):
+                problem = replace(now.problem, path=family)
+                seed = _Seed(family.fit(found.course.path.u, problem.grid), rows_of(problem), None)
+                found = _improved(problem, found.course, seed, work)
+            best = found if found.course.or_better(best.course) is found.course else best
         return best
-
-    def _with_another_end(self, now: _Now, course: _Course, call: _Call) -> _Course:
-        """Return a path that breaks a limit, or what is better: the previous one, ended in other ways than by holding its last inputs."""
-        ahead = len(now.u) if call.previous is None else max(0, len(call.previous.trajectory.u) - self._elapsed(call))
-        if not course.short or ahead >= len(now.u):
-            return course
-        problem = self.problem
-        for last in (problem.lower, problem.upper, problem.grid.centre):
-            course = now.course(np.vstack([now.u[:ahead], np.tile(last, (len(now.u) - ahead, 1))])).or_better(course)
-            if not course.short:
-                break
-        return course
-
-    def _seeded(self, now: _Now) -> _Seed:
-        """Where the last climb stopped, its rows and multipliers moved on in time."""
-        problem, memory = now.problem, now.memory
-        path = problem.path
-        p = np.clip(memory.p[path.live(problem.grid)], *path.box(problem.grid))
-        return _Seed(p, *_carried(rows_of(problem), memory, now.limits))
-
-    def _remembered(self, now: _Now, found: _Found, kept: bool) -> Memory:
-        """What the next step begins with: where the climb stopped, or the path itself after a climb that failed."""
-        problem, memory, seed = now.problem, now.memory, found.seed
-        memory = replace(memory, pace=found.pace or _PACE_KEPT * memory.pace, limits=now.limits)
-        failed = found.status in (Status.NUMERICAL_ERROR, Status.LOCALLY_INFEASIBLE)
-        if seed is None or (kept and failed):
-            return replace(memory, p=problem.path.full(problem.path.fit(found.course.path.u, problem.grid), problem.grid), warm=None)
-        return replace(memory, p=problem.path.full(seed.p, problem.grid), rows=seed.rows, warm=seed.warm)
-
-    # ------------------------------------------------------------ the problem from now on
-
-    def _now(self, x: np.ndarray, call: _Call, prior: Prior | ArrayLike | None) -> _Now:
-        """Return the problem from x on. A limit that x is beyond must hold from when the previous path is back within it."""
-        problem, previous = self.problem, call.previous
-        memory = self._fresh if previous is None else self._moved_on(previous, self._elapsed(call))
-        steps = max(1, problem.steps - memory.gone) if self._shrinks else problem.steps
-        u = self._idle.trajectory.u if previous is None else previous.trajectory.u
-        u = u[_onward(len(u), 0 if previous is None else self._elapsed(call), steps)]
-        path = simulate(problem.system, x, u, problem.step)
-        limits = self._limits(memory)
-        constraints, broken = self._constraints(path, limits)
-        floor = problem.floor
-        changed = replace(
-            problem,
-            start=x,
-            duration=steps * problem.step,
-            path=self._family(memory),
-            constraints=constraints,
-            budgets=self._budgets(memory),
-            floor=None if floor is not None and round(floor.seconds / problem.step) > steps else floor,
-            **_knowing(problem, x, prior),
-        )
-        return _Now(changed, memory, u, tuple(limits), broken)
-
-    def _family(self, memory: Memory) -> _Moved:
-        problem = self.problem
-        plain = _Moved(problem.path, problem.steps, memory.by)
-        return replace(plain, flown=tuple(memory.p[~plain.live(problem.grid)].tolist()))
-
-    def _limits(self, memory: Memory) -> dict[int, _Later]:
-        """Return the constraints from now on by their indices, without those whose time is over and those that have been met."""
-        gone = memory.gone * self.problem.step if self._shrinks else 0.0
-        every = {i: _later(each, gone) for i, each in enumerate(self.problem.constraints) if i not in memory.met}
-        return {i: each for i, each in every.items() if each is not None}
-
-    def _constraints(self, path: Trajectory, limits: dict[int, _Later]) -> tuple[tuple[_Later, ...], tuple[Shortfall, ...]]:
-        """Return limits that the start of a path keeps, those that it is beyond from when the path is back within them, and these."""
-        kept, broken = list(limits.values()), []
-        if not kept:
-            return (), ()
-        functions = nodes_of(self.problem.system.model, tuple(kept), ())
-        margins, owner = functions.values(path.x, np.vstack([path.u, path.u[-1:]])), np.array(functions.owner)
-        for i, each in enumerate(kept):
-            lowest = margins[:, owner == i].min(axis=1, initial=inf)
-            if each.when.anywhere or each.when.first != 0.0 or lowest[0] >= 0:
-                continue
-            size, unit = each.size
-            broken.append(Shortfall(str(each), 0.0, float(-lowest[0] * size), unit, float(lowest[0])))
-            first = (int(np.argmax(lowest >= 0)) or path.steps) * self.problem.step
-            last = each.when.last
-            kept[i] = replace(each, when=Span(first, last if last is None else max(first, last)))
-        return tuple(kept), tuple(broken)
-
-    def _budgets(self, memory: Memory) -> tuple[Any, ...]:
-        """Return what is left of each budget; next to nothing of one that is used up."""
-        pairs = zip(self.problem.budgets, memory.spent, strict=True)
-        return tuple(replace(each, at_most=max(each.at_most - spent, 1e-9 * each.at_most)) for each, spent in pairs)
 
     # ------------------------------------------------------------ time
 
-    @property
-    def _shrinks(self) -> bool:
-        return self.horizon == "shrinking"
-
-    @property
-    def _period(self) -> int:
-        """Steps per parameter of one input: moved by so many, a path of the family is of the family again."""
-        grid = self.problem.grid
-        return max(1, grid.steps * len(grid.names) // max(1, len(self._fresh.p)))
-
     @cached_property
-    def _fresh(self) -> Memory:
-        problem = self.problem
-        middle = problem.path.fit(np.tile(problem.grid.centre, (problem.steps, 1)), problem.grid)
-        return Memory(0, middle, 0, spent=(0.0,) * len(problem.budgets))
+    def _mission(self) -> _Mission:
+        return _Mission(self.problem, self.horizon == "shrinking")
 
-    def _steps(self, what: str, seconds: float | None) -> int:
-        found = whole_multiple(seconds, self.problem.step) if isinstance(seconds, Real) and seconds > 0 else None
+    @property
+    def _interval(self) -> int:
+        """Steps from one plan to the next."""
+        every = self.problem.step if self.every is None else self.every
+        found = whole_multiple(every, self.problem.step) if _is_time(every) and every else None
         if found is None:
-            raise InputError(f"{what} is {seconds!r}: must be a whole multiple of the step {self.problem.step:g} s")
+            raise InputError(f"planner: every is {every!r}: must be a whole multiple of the step {self.problem.step:g} s")
         return found
 
     def _elapsed(self, call: _Call) -> int:
-        """Steps since the previous plan, the nearest number of them."""
+        """Steps since the previous plan."""
         if call.elapsed is None:
-            return self._steps("every", self.every)
+            return self._interval
         if not _is_time(call.elapsed):
             raise InputError(f"elapsed is {call.elapsed!r}: must be a finite number of seconds, at least 0")
         return round(call.elapsed / self.problem.step)
 
-    def _moved_on(self, previous: Plan, steps: int) -> Memory:
-        """Return a plan's memory so many steps later."""
-        problem, memory = self.problem, previous.memory
-        gone, by, p = memory.gone + steps, memory.by + steps, memory.p
-        rows = None if memory.rows is None else replace(memory.rows, node=memory.rows.node - steps)
-        if self._shrinks:
-            met, spent = self._accounts(previous, steps)
-            return replace(memory, gone=gone, by=min(by, problem.steps - 1), rows=rows, met=met, spent=spent)
-        whole = by // self._period * self._period
-        if whole:
-            u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)  # pyright: ignore
-            p = problem.path.fit(u[_onward(len(u), whole, len(u))], problem.grid)
-        return replace(memory, gone=gone, by=by - whole, p=p, rows=rows)
-
-    def _accounts(self, previous: Plan, steps: int) -> tuple[frozenset[int], tuple[float, ...]]:
-        """Return which limits that count once have been met by now, and what is spent of each budget, as planned."""
-        problem, memory, path = self.problem, previous.memory, previous.trajectory
-        flown = min(steps, path.steps)
-        if not flown or not (problem.budgets or any(each.span.anywhere for each in problem.constraints)):
-            return memory.met, memory.spent
-        functions = nodes_of(problem.system.model, problem.constraints, tuple(each.cost for each in problem.budgets))
-        values = functions.values(path.x[: flown + 1], np.vstack([path.u, path.u[-1:]])[: flown + 1])
-        t = (memory.gone + np.arange(flown + 1)) * problem.step
-        met, owner = set(memory.met), np.array(functions.owner)
-        for i, each in enumerate(problem.constraints):
-            first, last = (problem.longest if time is None else time for time in (each.span.first, each.span.last))
-            within = (t >= first - 1e-9) & (t <= last + 1e-9)
-            if each.span.anywhere and (values[np.ix_(within, owner == i)].min(axis=1, initial=inf) >= 0).any():
-                met.add(i)
-        costs = values[:-1, functions.margins :].sum(axis=0) * problem.step
-        return frozenset(met), tuple(float(a + b) for a, b in zip(memory.spent, costs, strict=True))
-
-
-# ---------------------------------------------------------------- parts
-
-
-def _improved(problem: DesignProblem, known: _Course, seed: _Seed, work: _Work) -> _Found:
-    """Climb, look between the nodes, tighten, climb again, until this keeps all limits and gains little more."""
-    best, status, done, began, before = known, Status.TIME_LIMIT, 0, perf_counter(), known.objective
-    for _ in range(work.rounds):
-        if perf_counter() >= work.limits.deadline:
-            status = Status.TIME_LIMIT
-            break
-        solution = climb(Program(problem, seed.rows), aim_of(problem), seed.p, seed.warm, limits=work.limits)
-        course = _Course(problem, _flown(problem, solution.p))
-        best, status, done = course.or_better(best), solution.status, done + solution.iterations
-        # a climb that has not come to terms with its rows yet says nothing about what they leave out
-        rows = tightened(problem, course.path, seed.rows) if course.short and solution.violation <= FEASIBLE else None
-        seed = _Seed(solution.p, seed.rows if rows is None else rows, solution.warm)
-        gained, before = solution.objective - before, solution.objective
-        if not course.short and gained <= work.enough * abs(before):
-            break
-        if rows is None and status is not Status.ITERATION_LIMIT:
-            break
-    return _Found(best, seed, status, (perf_counter() - began) / done if done else 0.0)
-
-
-def _flown(problem: DesignProblem, p: np.ndarray) -> Trajectory:
-    u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    return simulate(problem.system, problem.x0, u.reshape(problem.steps, -1), problem.step)
-
 
 def _is_time(value: object) -> bool:
-    return isinstance(value, Real) and isfinite(value) and value >= 0
-
-
-def _until(call: _Call, pace: float) -> float:
-    """Return after when no iteration may begin."""
-    if call.deadline is None:
-        return inf
-    if not isinstance(call.deadline, Real) or isnan(call.deadline):
-        raise InputError(f"deadline is {call.deadline!r}: must be a number of seconds")
-    return call.began + call.deadline - _SPARE * pace - _AFTER
-
-
-def _knowing(problem: DesignProblem, x: np.ndarray, prior: Prior | ArrayLike | None) -> dict[str, Any]:
-    """Return what of a problem is different with a prior of x (n,): `known`, or the priors of criterion and draws."""
-    robust, changes = problem.robust, {}
-    information = prior.information if isinstance(prior, Prior) else None if prior is None else as_array("prior", prior)
-    if robust is not None:
-        covariance = robust.prior.covariance if information is None else _inverse(information)
-        changes["robust"] = replace(robust, prior=Prior(x, covariance=covariance))
-    if information is not None and isinstance(problem.criterion, Posterior):
-        changes["criterion"] = replace(problem.criterion, prior=Prior(x, covariance=_inverse(information)))
-    elif information is not None:
-        changes["known"] = information
-    return changes
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    found = np.linalg.inv(information)
-    return (found + found.T) / 2
-
-
-def _later(constraint: AbstractConstraint, gone: float) -> _Later | None:
-    """Return a constraint as of `gone` [s] later, None where its time is over."""
-    span = constraint.span
-    first, last = (None if time is None else max(0.0, time - gone) for time in (span.first, span.last))
-    over = span.last is not None and span.last < gone - 1e-9
-    return None if over else _Later(constraint, Span(first, last, span.anywhere))
-
-
-def _carried(rows: Rows, memory: Memory, limits: tuple[int, ...]) -> tuple[Rows, Warm | None]:
-    """Return rows with the last climb's allowances, and its multipliers for them, at the same instants."""
-    old, warm = memory.rows, memory.warm
-    rows = replace(rows, allowance=np.full(len(rows.node), _BACK))
-    if old is None or memory.limits != limits:
-        return rows, warm
-    same = _same(rows, old)
-    rows = replace(rows, allowance=np.append(old.allowance, _BACK)[same])
-    if warm is None:
-        return rows, None
-    before, count = warm.multipliers, len(old.node)
-    moved = np.concatenate([np.append(before.rows[:count], 0.0)[same], before.rows[count:]])
-    multipliers = Multipliers(before.matrices, before.floors, moved, before.price)
-    return rows, replace(warm, multipliers=multipliers, radius=max(warm.radius, _RADIUS))
-
-
-def _same(rows: Rows, old: Rows) -> np.ndarray:
-    """Return for each row the index of the old one at its instant, -1 without one; what counts at one instant only stays the same."""
-    shape = [max(each.max(initial=0) for each in pair) + 1 for pair in ((rows.node, old.node), (rows.margin, old.margin))]
-    place, single = np.full(shape, -1), np.full(shape[1], -1)
-    ahead = np.flatnonzero(old.node >= 0)
-    place[old.node[ahead], old.margin[ahead]] = ahead
-    single[old.margin] = np.arange(len(old.node))
-    once = np.bincount(rows.margin, minlength=shape[1])[rows.margin] == 1
-    return np.where(once, single[rows.margin], place[rows.node, rows.margin])
+    return isinstance(value, (int, float)) and isfinite(value) and value >= 0

@@ -39,7 +39,9 @@ from obsdesign.costs.path_length import PathLength
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import kinds, leaf
 from obsdesign.moment import Moment
-from obsdesign.paths.abstract import AbstractPath
+from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.paths.b_spline import BSpline
+from obsdesign.paths.dubins_path import DubinsPath
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.vehicles.abstract import AbstractVehicle
 from obsdesign.vehicles.omnidirectional import Omnidirectional
@@ -132,9 +134,30 @@ SENSORS = {
     "range": [Reading(od.Range(BEACON, 1.0), lambda state: (math.hypot(state["x"] - BEACON[0], state["y"] - BEACON[1]),), BEACON)],
 }
 
-# (path, a number of steps that suits it, one that does not)
-PATHS: dict[str, list[tuple[AbstractPath, int, int]]] = {
-    "piecewise_constant": [(od.PiecewiseConstant(1), 7, 0), (od.PiecewiseConstant(4), 12, 10), (od.PiecewiseConstant(5), 5, 12)],
+LOW, HIGH = np.array([-0.5, 2.0]), np.array([0.5, 9.0])
+
+
+def grid_of(steps: int, names: tuple[str, str] = ("turn_rate", "speed")) -> Grid:
+    return Grid(names, tuple(LOW), tuple(HIGH), steps, 0.5)
+
+
+# (path, a grid that suits it, one that does not with what is said about that)
+PATHS: dict[str, list[tuple[AbstractPath, Grid, tuple[Grid, str] | None]]] = {
+    "b_spline": [
+        (BSpline(4), grid_of(12), (grid_of(3), "points is 4: must be at most the number of steps, 3")),
+        (BSpline(5, degree=2), grid_of(5), None),
+        (BSpline(2, degree=1), grid_of(7), None),
+    ],
+    "dubins_path": [
+        (DubinsPath("LSR", 0.5), grid_of(20), (grid_of(20, ("bank", "speed")), "needs an input 'turn_rate' \\(inputs: bank, speed\\)")),
+        (DubinsPath("RL", 2.0), grid_of(9), None),
+        (DubinsPath("S", 1.0), grid_of(3), None),
+    ],
+    "piecewise_constant": [
+        (od.PiecewiseConstant(1), grid_of(7), None),
+        (od.PiecewiseConstant(4), grid_of(10), (grid_of(3), "pieces is 4: must be at most the number of steps, 3")),
+        (od.PiecewiseConstant(5), grid_of(5), None),
+    ],
 }
 
 
@@ -518,65 +541,89 @@ def test_a_sensor_refuses_errors_that_make_no_sense(kind: str, field: str, value
 
 # ---------------------------------------------------------------- paths
 
-LOW, HIGH = np.array([-0.5, 2.0]), np.array([0.5, 9.0])
+
+def parameters(path: AbstractPath, grid: Grid, seed: int) -> np.ndarray:
+    """Random parameters (q,) in their box, its sides included."""
+    lower, upper = path.box(grid)
+    return lower + np.clip(np.random.default_rng(seed).uniform(-0.2, 1.2, len(lower)), 0, 1) * (upper - lower)
 
 
-def parameters(path: AbstractPath, steps: int, seed: int) -> np.ndarray:
-    """Random parameters (q, 2) within the bounds, the bounds themselves included."""
+def symbolic(function: Callable[[ca.SX, Grid], ca.SX], p: np.ndarray, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """The function of symbolic parameters at p, and its derivatives (entries, q), entries column by column."""
+    symbol = ca.SX.sym("p", len(p))
+    found = function(symbol, grid)
+    assert isinstance(found, ca.SX)
+    value, slopes = ca.Function("found", [symbol], [found, ca.jacobian(ca.vec(found), symbol)])(p)
+    return value.full(), slopes.full()
+
+
+@each("PATHS")
+@few
+@given(seed=seeds)
+def test_inputs_are_within_bounds_wherever_the_parameters_are_in_their_box(kind: str, seed: int):
+    for path, grid, _ in examples("PATHS", kind):
+        lower, upper = path.box(grid)
+        assert np.all(np.isfinite(lower) & np.isfinite(upper) & (lower < upper))
+        for p in (parameters(path, grid, seed), lower, upper):
+            u = path.inputs(p, grid)
+            assert u.shape == (grid.steps, 2)
+            assert np.all((u >= LOW - 1e-12) & (u <= HIGH + 1e-12))
+
+
+@each("PATHS")
+@pytest.mark.parametrize("what", ["inputs", "rates"])
+def test_symbolic_and_numerical_inputs_and_rates_are_the_same(kind: str, what: str):
+    for path, grid, _ in examples("PATHS", kind):
+        p, function = parameters(path, grid, seed=1), getattr(path, what)
+        numerical = function(p, grid)
+        assert numerical.shape[1] == 2
+        np.testing.assert_allclose(symbolic(function, p, grid)[0].reshape(numerical.shape), numerical, rtol=1e-12, atol=1e-12)
+
+
+@each("PATHS")
+def test_the_derivatives_of_inputs_are_their_central_differences(kind: str):
+    for path, grid, _ in examples("PATHS", kind):
+        p, eps = parameters(path, grid, seed=2), 1e-4
+        _, slopes = symbolic(path.inputs, p, grid)
+        for i, unit in enumerate(np.eye(len(p))):
+            difference = (path.inputs(p + eps * unit, grid) - path.inputs(p - eps * unit, grid)) / (2 * eps)
+            np.testing.assert_allclose(slopes[:, i], difference.ravel(order="F"), atol=1e-6)
+
+
+@each("PATHS")
+@few
+@given(seed=seeds)
+def test_fitting_a_familys_own_inputs_returns_the_inputs(kind: str, seed: int):
+    """Not always the parameters: two that differ only behind the end, say, have the same inputs."""
+    for path, grid, _ in examples("PATHS", kind):
+        u = path.inputs(parameters(path, grid, seed), grid)
+        np.testing.assert_allclose(path.inputs(path.fit(u, grid), grid), u, atol=1e-6)
+
+
+@each("PATHS")
+@few
+@given(seed=seeds)
+def test_a_fit_is_in_its_box_and_no_others_nearby_come_closer(kind: str, seed: int):
+    """To any u, within bounds or not."""
     random = np.random.default_rng(seed)
-    share = np.clip(random.uniform(-0.2, 1.2, (path.rows(steps), 2)), 0, 1)
-    return LOW + share * (HIGH - LOW)
-
-
-@each("PATHS")
-@few
-@given(seed=seeds)
-def test_inputs_are_within_bounds_wherever_the_parameters_are(kind: str, seed: int):
-    for path, steps, _ in examples("PATHS", kind):
-        u = np.array(path.inputs(parameters(path, steps, seed), steps))
-        assert u.shape == (steps, 2)
-        assert np.all((u >= LOW - 1e-12) & (u <= HIGH + 1e-12))
-
-
-@each("PATHS")
-def test_symbolic_and_numerical_inputs_are_the_same(kind: str):
-    for path, steps, _ in examples("PATHS", kind):
-        p = parameters(path, steps, seed=1)
-        symbol = ca.SX.sym("p", *p.shape)
-        symbolic = ca.Function("inputs", [symbol], [path.inputs(symbol, steps)])(p)
-        np.testing.assert_allclose(symbolic.full(), np.array(path.inputs(p, steps)), rtol=1e-14)
-
-
-@each("PATHS")
-@few
-@given(seed=seeds)
-def test_fitting_a_familys_own_inputs_returns_the_parameters(kind: str, seed: int):
-    for path, steps, _ in examples("PATHS", kind):
-        p = parameters(path, steps, seed)
-        np.testing.assert_allclose(path.fit(np.array(path.inputs(p, steps))), p, rtol=1e-9)
-
-
-@each("PATHS")
-@few
-@given(seed=seeds)
-def test_a_fit_is_nearest_in_the_least_squares_sense(kind: str, seed: int):
-    """No other parameters nearby come closer to any u."""
-    random = np.random.default_rng(seed)
-    for path, steps, _ in examples("PATHS", kind):
-        u = random.standard_normal((steps, 2))
-        best = path.fit(u)
-        misfit = np.linalg.norm(np.array(path.inputs(best, steps)) - u)
+    for path, grid, _ in examples("PATHS", kind):
+        u = grid.centre + random.choice([0.2, 1.0]) * (HIGH - LOW) * random.standard_normal((grid.steps, 2))
+        lower, upper = path.box(grid)
+        best = path.fit(u, grid)
+        assert np.all((best >= lower) & (best <= upper))
+        misfit = np.linalg.norm(path.inputs(best, grid) - u, axis=0)
         for size in (1e-3, 0.1):
-            other = best + size * random.standard_normal(best.shape)
-            assert np.linalg.norm(np.array(path.inputs(other, steps)) - u) >= misfit
+            other = np.clip(best + size * random.standard_normal(best.shape), lower, upper)
+            assert np.all(np.linalg.norm(path.inputs(other, grid) - u, axis=0) >= misfit - 1e-9)
 
 
 @each("PATHS")
-def test_a_number_of_steps_that_does_not_suit_is_refused(kind: str):
-    for path, _, unsuitable in examples("PATHS", kind):
-        if unsuitable:
-            with pytest.raises(od.InputError, match=rf"must divide the number of steps, {unsuitable}"):
-                path.rows(unsuitable)
+def test_a_grid_that_does_not_suit_is_refused(kind: str):
+    refused = [(path, *unsuitable) for path, _, unsuitable in examples("PATHS", kind) if unsuitable]
+    assert refused
+    for path, grid, message in refused:
+        with pytest.raises(od.InputError, match=message):
+            path.box(grid)
 
 
 @pytest.mark.parametrize("pieces", [0, -1, 2.5, "4", None, True])

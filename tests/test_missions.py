@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -17,11 +19,15 @@ from scipy.interpolate import BSpline as Spline
 
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.design.climbing import Climbed, Task, climbed, families_of
+from obsdesign.design.infeasibility import why_unreachable
 from obsdesign.design.limits import is_feasible, shortfalls
+from obsdesign.design.starts import start_inputs
 
 STEP, FINER = 0.5, 10
 BEACON = (4.0, 6.0)
 SCALE = (5.0, 5.0, 0.5, 0.3, 0.3)
+REFUSED = 8  # missions without an answer that are asked for their reason, which takes seconds
 SHARE = 1e-5  # of a limit's own size by which it may be missed
 Random = np.random.Generator
 
@@ -90,7 +96,7 @@ def turned_from(heading: np.ndarray, aim: float) -> np.ndarray:
     return np.abs((heading - aim + np.pi) % (2 * np.pi) - np.pi)
 
 
-def missed(limit: AbstractConstraint, path: Flown) -> float:
+def missed(limit: AbstractConstraint, path: Flown) -> float:  # noqa: PLR0911  # one for each kind
     """By which share of its size a path misses a limit; <= 0 where it holds."""
     speed = np.hypot(path.velocity[:, 0], path.velocity[:, 1])
     match limit:
@@ -123,8 +129,9 @@ def missed(limit: AbstractConstraint, path: Flown) -> float:
             return float(turned_from(path.heading, limit.low + half)[during(path, limit.first, limit.last)].max() / half - 1)
         case od.GroundSpeed():
             size = limit.least or limit.most if limit.least is None or limit.most is None else (limit.most - limit.least) / 2
-            slow = 0.0 if limit.least is None else limit.least - speed.min()
-            return float(max(slow, 0.0 if limit.most is None else speed.max() - limit.most) / size)
+            beyond = [] if limit.least is None else [limit.least - speed.min()]
+            beyond += [] if limit.most is None else [speed.max() - limit.most]
+            return float(max(beyond) / size)
     raise AssertionError(f"{limit} has no geometry here")
 
 
@@ -328,25 +335,24 @@ LIMITS: tuple[Callable[[Flown, Random], AbstractConstraint | None], ...] = (
 )
 
 
-def require_all_kept(problem: od.DesignProblem, design: od.Design) -> None:
+def require_all_kept(problem: od.DesignProblem, found: Climbed) -> None:
     """Every limit of an answered mission, by hand; and its value."""
-    u = design.trajectory.u
-    path = flown_with(problem, u)
-    np.testing.assert_allclose(design.trajectory.x[:, :2], path.place[::FINER], atol=1e-3)
+    u, path = found.path.u, flown_with(problem, found.path.u)
+    np.testing.assert_allclose(found.path.x[:, :2], path.place[::FINER], atol=1e-3)
     assert len(u) == problem.steps
     width = problem.upper - problem.lower
     assert np.all((u >= problem.lower - SHARE * width) & (u <= problem.upper + SHARE * width))
     for limit in problem.constraints:
         share = missed(limit, path)
         assert share <= SHARE, f"{limit} is missed by {share:.2e}"
-    for name, change in zip(problem.system.model.input_names, steepest(problem, design.p, u), strict=True):
+    for name, change in zip(problem.system.model.input_names, steepest(problem, found.p, u), strict=True):
         assert change <= problem.rates.get(name, np.inf) * (1 + SHARE)
     for budget in problem.budgets:
         assert cost_by_hand(budget.cost, path, u) <= budget.at_most * (1 + SHARE)
     if problem.floor is not None:
-        assert lowest_window(problem, design.trajectory, problem.floor.seconds) >= problem.floor.value * (1 - SHARE)
-    W = od.variational_gramian(problem.system, design.trajectory).total * np.outer(SCALE, SCALE)
-    assert design.value == pytest.approx(float(np.linalg.eigvalsh(W)[0]), rel=1e-6, abs=1e-12 * float(np.trace(W)))
+        assert lowest_window(problem, found.path, problem.floor.seconds) >= problem.floor.value * (1 - SHARE)
+    W = od.variational_gramian(problem.system, found.path).total * np.outer(SCALE, SCALE)
+    assert found.objective == pytest.approx(float(np.linalg.eigvalsh(W)[0]), rel=1e-6, abs=1e-11 * float(np.trace(W)))
 
 
 def names_of(problem: od.DesignProblem) -> list[str]:
@@ -355,45 +361,62 @@ def names_of(problem: od.DesignProblem) -> list[str]:
     return names + ["Floor"] * (problem.floor is not None) + ["rate"] * bool(problem.rates)
 
 
+def first_answer(problem: od.DesignProblem, seed: int) -> Climbed | None:
+    """The first of two starts that ends in an answer."""
+    for name, u in islice(start_inputs(problem, seed), 2):
+        found = climbed(Task(problem, name, u, families_of(problem.path), True))
+        if found.status.has_answer:
+            return found
+    return None
+
+
 def test_two_hundred_missions_are_flown_as_asked_or_refused_with_a_reason():
-    """Most are answered, though only two starts are tried and one mission in five may have no path at all."""
-    tally: Counter[tuple[bool, str]] = Counter()
+    """Most are answered from one of two starts, though one mission in five may have no path at all."""
+    tally: Counter[tuple[str, str]] = Counter()
 
     @settings(max_examples=200, derandomize=True, deadline=None, database=None, phases=(Phase.generate,))
     @given(seed=st.integers(0, 2**32 - 1))
     def fly(seed: int) -> None:
-        asked = mission(seed)
-        problem = asked.problem
-        design = od.design_trajectory(problem, starts=2, seed=seed % 7, throw=False)
-        tally[asked.known is not None, design.status.name] += 1
-        if design.status.has_answer:
-            require_all_kept(problem, design)
-            return
-        assert design.trajectory is None
-        assert np.isnan(design.value)
-        assert any(name in design.reason for name in names_of(problem)), f"{design.status}: {design.reason!r}"
+        drawn = mission(seed)
+        found = first_answer(drawn.problem, seed % 7)
+        tally["has a path" if drawn.known is not None else "who knows", "no answer" if found is None else "answer"] += 1
+        if found is not None:
+            require_all_kept(drawn.problem, found)
+        elif sum(count for (_, end), count in tally.items() if end == "no answer") <= REFUSED:
+            require_a_reason(drawn.problem, seed % 7)
 
     fly()
-    answered = sum(count for (_, status), count in tally.items() if status == "LOCALLY_OPTIMAL")
-    total = sum(tally.values())
-    assert total >= 200
-    assert answered >= 0.6 * total, tally
+    assert sum(tally.values()) >= 200
+    assert tally["has a path", "answer"] >= 0.8 * (tally["has a path", "answer"] + tally["has a path", "no answer"]), tally
+    assert tally["has a path", "answer"] + tally["who knows", "answer"] >= 0.75 * sum(tally.values()), tally
+
+
+def require_a_reason(problem: od.DesignProblem, seed: int) -> None:
+    """A status, no number that looks like an answer, and a limit that is named; or a path after all, which keeps them all."""
+    design = od.design_trajectory(problem, starts=2, seed=seed, throw=False)
+    if design.status.has_answer:
+        path = flown_with(problem, design.trajectory.u)
+        assert max((missed(limit, path) for limit in problem.constraints), default=0.0) <= SHARE
+        return
+    assert design.trajectory is None
+    assert np.isnan(design.value)
+    assert any(name in design.reason for name in names_of(problem)), f"{design.status}: {design.reason!r}"
 
 
 def test_the_path_that_a_mission_is_built_round_meets_it_by_hand_and_by_the_library():
     """So that a mission that is said to have a path has one; two geometries, one answer."""
-    for asked in map(mission, range(40)):
-        problem = asked.problem
-        if asked.known is not None:
-            path = flown_with(problem, asked.known)
+    for each in map(mission, range(40)):
+        problem = each.problem
+        if each.known is not None:
+            path = flown_with(problem, each.known)
             assert max(missed(limit, path) for limit in problem.constraints) < 0
-            assert is_feasible(problem, od.simulate(problem.system, problem.x0, asked.known, STEP))
+            assert is_feasible(problem, od.simulate(problem.system, problem.x0, each.known, STEP))
 
 
 def test_a_path_at_random_breaks_the_same_limits_by_hand_and_by_the_library():
     broken = 0
-    for seed, asked in enumerate(map(mission, range(40))):
-        problem = asked.problem
+    for seed, each in enumerate(map(mission, range(40))):
+        problem = each.problem
         p = np.random.default_rng(seed).uniform(*problem.path.box(problem.grid))
         u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)
         path = flown_with(problem, u)
@@ -406,3 +429,145 @@ def test_a_path_at_random_breaks_the_same_limits_by_hand_and_by_the_library():
             if share > 1e-3 and not isinstance(limit, (od.KeepOutPolygon, od.HeadingSector, od.GoalPose)):  # chords, not angles
                 assert -named[str(limit)].margin == pytest.approx(share, rel=2e-2)
     assert broken > 20
+
+
+# ---------------------------------------------------------------- missions that nothing can fly
+
+
+def asked(*limits: AbstractConstraint, **changes: Any) -> od.DesignProblem:
+    """Ten seconds at 1 m/s from the origin along x, in still air."""
+    base: dict[str, Any] = {
+        "system": od.System(od.Dubins(1.0), (od.GPS(1.0),)),
+        "start": (0.0, 0.0, 0.0),
+        "duration": 10.0,
+        "step": 1.0,
+        "path": od.PiecewiseConstant(5),
+        "bounds": {"turn_rate": (-0.5, 0.5)},
+        "constraints": limits,
+    }
+    return od.DesignProblem(**{**base, **changes})
+
+
+SLOW_OR_FAST: dict[str, Any] = {
+    "system": od.System(od.Unicycle(), (od.GPS(1.0),)),
+    "bounds": {"speed": (0.2, 1.0), "turn_rate": (-0.5, 0.5)},
+}
+
+# (problem, message): what the geometry of straight lines tells before any solver starts
+PROVEN = {
+    "goal too far": (
+        asked(od.Goal((50.0, 0.0), 1.0)),
+        "Goal: within 1 m of (50, 0): 49 m away; at 1 m/s at most it cannot be reached in 10 s, not before 49 s",
+    ),
+    "goal pose too far": (
+        asked(od.GoalPose((0.0, -20.0), 0.0, 2.0, 0.5)),
+        "GoalPose: within 2 m of (0, -20), heading 0 +- 0.5 rad: 18 m away; at 1 m/s at most it cannot be reached in 10 s, not before 18 s",
+    ),
+    "via point too early": (
+        asked(od.Via((6.0, 0.0), 0.5, 0.0, 4.0)),
+        "Via: within 0.5 m of (6, 0) once from 0 s to 4 s: 5.5 m away; at 1 m/s at most it cannot be reached in 4 s, not before 6 s",
+    ),
+    "goal with the wind": (
+        asked(
+            od.Goal((20.0, 0.0), 1.0), system=od.System(od.Dubins(1.0, wind="constant"), (od.GPS(1.0),)), start=(0.0, 0.0, 0.0, 0.3, 0.0)
+        ),
+        "Goal: within 1 m of (20, 0): 19 m away; at 1.3 m/s at most it cannot be reached in 10 s, not before 15 s",
+    ),
+    "budget below the way": (
+        asked(od.Goal((8.0, 0.0), 1.0), **SLOW_OR_FAST, budgets=(od.Budget(od.PathLength(), 5.0),)),
+        "Goal: within 1 m of (8, 0): 7 m away, more than the budget of 5 m of path length",
+    ),
+}
+
+
+@pytest.mark.parametrize(("problem", "message"), PROVEN.values(), ids=PROVEN.keys())
+def test_what_geometry_forbids_is_said_before_any_solver_starts(problem: od.DesignProblem, message: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("obsdesign.design.shaping.climbed", None)
+    with pytest.raises(od.SolveError, match=re.escape(message)) as caught:
+        od.design_trajectory(problem, starts=1)
+    assert caught.value.status is od.Status.INFEASIBLE
+    assert caught.value.reason == message
+
+
+@pytest.mark.parametrize("longest", [49.0, 50.0])
+def test_geometry_forbids_nothing_that_can_be_reached(longest: float):
+    """A goal of 1 m about a point 50 m ahead is reached in 49 s, straight on, and not a second earlier."""
+    problem = asked(od.Goal((50.0, 0.0), 1.0), duration=longest)
+    assert why_unreachable(problem) == ""
+    assert why_unreachable(asked(od.Goal((50.0, 0.0), 1.0), duration=48.0)) != ""
+    assert is_feasible(problem, od.simulate(problem.system, problem.x0, np.zeros((round(longest), 1)), 1.0))
+
+
+# (problem, how the limits begin that cannot all hold, what they must fall short by together [m, m/s])
+IMPOSSIBLE = {
+    "a goal behind a wall": (
+        asked(od.KeepIn(((-3.0, -3.0), (5.0, -3.0), (5.0, 3.0), (-3.0, 3.0))), od.Goal((8.0, 0.0), 1.0)),
+        ("KeepIn: within", "Goal: within 1 m of (8, 0)"),
+        2.0,
+    ),
+    "two areas to end in": (
+        asked(
+            od.GoalRegion(((4.0, 0.0), (6.0, 0.0), (6.0, 2.0), (4.0, 2.0))),
+            od.GoalRegion(((-1.0, 4.0), (1.0, 4.0), (1.0, 6.0), (-1.0, 6.0))),
+        ),
+        ("GoalRegion: within (4, 0)", "GoalRegion: within (-1, 4)"),
+        3.0,
+    ),
+    # one cannot fly more slowly than at 1 m/s
+    "a budget of length": (asked(budgets=(od.Budget(od.PathLength(), 5.0),)), ("path length at most 5 m",), 5.0),
+    "to stay here and to end there": (
+        asked(od.Loiter((7.0, 0.0), 1.0, 6.0), od.Goal((1.0, 5.0), 1.0)),
+        ("Loiter: within 1 m of (7, 0) from 6 s to the end", "Goal: within 1 m of (1, 5)"),
+        math.hypot(6.0, 5.0) - 2.0,
+    ),
+    "a heading away from the goal": (
+        asked(od.HeadingSector(2.6, 3.6, 3.0, 8.0), od.Goal((8.0, 0.0), 1.0)),
+        ("HeadingSector: heading from 2.6", "Goal: within 1 m of (8, 0)"),
+        0.5,
+    ),
+    "a goal within an obstacle": (
+        asked(od.KeepOut((7.0, 0.0), 2.0), od.Goal((7.0, 0.0), 0.5)),
+        ("KeepOut: at least 2 m from (7, 0)", "Goal: within 0.5 m of (7, 0)"),
+        1.5,
+    ),
+    # turning all the time, x is 10 sin(1) in the end; turning less, more
+    "no room to turn round": (
+        asked(od.Goal((-3.0, 0.0), 1.0), bounds={"turn_rate": (-0.1, 0.1)}),
+        ("Goal: within 1 m of (-3, 0)",),
+        10 * math.sin(1.0) + 3.0 - 1.0,
+    ),
+    "a floor too high": (asked(floor=od.Floor(4.0, 1e6)), ("Floor: lambda_min of every 4 s at least 1e+06",), 1e5),
+    # 6 s at 1 m/s for 4.24 m less 0.5 and another 6 m less 1; what the first falls short by shortens both
+    "two points too far apart": (
+        asked(od.Via((3.0, 3.0), 0.5, 0.0, 5.0), od.Via((3.0, -3.0), 0.5, 5.0, 6.0)),
+        ("Via: within 0.5 m of (3, 3)", "Via: within 0.5 m of (3, -3)"),
+        (math.hypot(3.0, 3.0) - 0.5 + 5.0 - 6.0) / 2,
+    ),
+    "faster than it can": (asked(od.GroundSpeed(least=2.0)), ("GroundSpeed: at least 2 m/s",), 1.0),
+}
+
+
+@pytest.mark.parametrize(("problem", "names", "least"), IMPOSSIBLE.values(), ids=IMPOSSIBLE.keys())
+def test_a_mission_that_nothing_can_fly_names_the_limit_the_amount_and_the_time(
+    problem: od.DesignProblem, names: tuple[str, ...], least: float
+):
+    with pytest.raises(od.SolveError) as caught:
+        od.design_trajectory(problem, starts=1)
+    error = caught.value
+    assert error.status is od.Status.LOCALLY_INFEASIBLE
+    assert error.reason in str(error)
+    found = re.findall(r"(?:^|; )([^;]*?): missed by ([\d.e+]+) ?(\S*) at ([\d.]+) s", error.reason)
+    assert found
+    assert all(any(what.startswith(name) for name in names) for what, *_ in found)
+    assert sum(float(amount) for _, amount, _, _ in found) >= least * (1 - 1e-2)
+    assert all(0 <= float(time) <= problem.longest for *_, time in found)
+
+
+def test_what_would_have_to_give_is_named_exactly_where_it_is_known():
+    """7 m at 0.5 m/s over ground against the wind: 2 m short after 10 s, feasible from 14 s on."""
+    system = od.System(od.Dubins(1.0, wind="constant"), (od.GPS(1.0),))
+    problem = asked(od.Goal((8.0, 0.0), 1.0), system=system, start=(0.0, 0.0, 0.0, -0.5, 0.0))
+    design = od.design_trajectory(problem, starts=1, throw=False)
+    assert design.reason == "Goal: within 1 m of (8, 0): missed by 2 m at 10 s; feasible from 14 s"
+    (short,) = design.shortfalls
+    assert (short.by, short.time, short.unit) == (pytest.approx(2.0, rel=1e-5), 10.0, "m")

@@ -21,7 +21,8 @@ from obsdesign.report.rounding import MINUS, NARROW, percent, plain, polished, r
 from obsdesign.report.tables import Table, checks_table, paths_table, schedules_table, starts_table, subsets_table
 from obsdesign.report.wording import reasons
 from obsdesign.scenario.loading import load_scenario
-from obsdesign.study import Study, run
+from obsdesign.study.record import Study
+from obsdesign.study.running import run
 
 AEROSONDE = Path(__file__).parent.parent / "scenarios" / "aerosonde_wind.toml"
 VOID = {"meta", "br", "hr", "img", "link", "input", "source", "wbr", "col", "area", "base", "embed", "track"}

@@ -35,14 +35,17 @@ class _Attempt:
     start: Start
 
 
-def chosen(problem: DesignProblem, coarse: Sequence[Climbed], refined: Sequence[Climbed]) -> Design:
-    """Return the best of the refined climbs as a Design, with what every start came to."""
+def chosen(problem: DesignProblem, coarse: Sequence[Climbed], refined: Sequence[Climbed], nearest: Climbed | None = None) -> Design:
+    """Return the best of the refined climbs as a Design, with what every start came to.
+
+    nearest: the path of least shortfall, for the explanation where none has an answer.
+    """
     attempts = [_attempt(problem, found, refined=True) for found in refined]
     known = {attempt.start.name: attempt.start for attempt in attempts}
     starts = tuple(known.get(found.name) or _attempt(problem, found, refined=False).start for found in coarse)
     answered = [attempt for attempt in attempts if attempt.start.status.has_answer]
     if not answered:
-        return _failed(problem, starts, attempts)
+        return _failed(problem, starts, nearest)
     cap = cap_of(problem)
     best = max(attempt.start.value for attempt in answered)
     tied = [attempt for attempt in answered if attempt.start.value >= best - _AGREEMENT * abs(best)]
@@ -136,10 +139,10 @@ def _robustness(problem: DesignProblem, path: Trajectory) -> Robustness | None:
     return Robustness(_FRESH, float(each[0]), float(each[_FRESH // 20]), float(each.mean()))
 
 
-def _failed(problem: DesignProblem, starts: tuple[Start, ...], attempts: Sequence[_Attempt]) -> Design:
+def _failed(problem: DesignProblem, starts: tuple[Start, ...], nearest: Climbed | None) -> Design:
     """A design without an answer: the study's "no" only where every start says so, and then why."""
     statuses = {start.status for start in starts}
     no = statuses <= {Status.LOCALLY_INFEASIBLE}
     status = Status.LOCALLY_INFEASIBLE if no else min(statuses - {Status.LOCALLY_INFEASIBLE}, key=list(Status).index)
-    why = explained(problem, [attempt.found for attempt in attempts])
+    why = explained(problem, nearest)
     return Design(problem, None, None, np.nan, status, starts, cap_of(problem), shortfalls=why.shortfalls, reason=why.in_words)

@@ -12,13 +12,13 @@ from obsdesign.design.limits import rows_of, tightened
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Program
 from obsdesign.design.threads import one_thread
-from obsdesign.design.values import Rows
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.simulation import simulate
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
-_ROUNDS = 8  # of climbing again with other rows
+# rounds of climbing again with tighter rows, and what is added in each for every shortfall: more where little has not helped
+_FACTORS = (1.1, 1.1, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 _COARSE = 1e-5  # tolerance where a finer climb follows
 
 
@@ -77,22 +77,15 @@ def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -
     aim = aim_of(problem) if task.aim is None else task.aim
     p, warm, done = problem.path.fit(u, problem.grid), None, 0
     rows = rows_of(problem)
-    for last in (*(False,) * (_ROUNDS - 1), True):
+    for round_, factor in enumerate(_FACTORS):
         solution = climb(Program(problem, rows), aim, p, warm, task.least, Limits(tolerance=TOLERANCE if checked else _COARSE))
         done += solution.iterations
         p, warm, path = solution.p, solution.warm, _flown(problem, solution.p)
-        following = _next_rows(problem, path, rows, checked) if solution.status.has_answer else None
-        if following is None or last:
+        following = tightened(problem, path, rows, factor) if checked and solution.status.has_answer else None
+        if following is None or round_ == len(_FACTORS) - 1:
             return _climbed(task.name, path, solution, done, solution.status if following is None else Status.ITERATION_LIMIT)
         rows = following
     raise AssertionError("the last round returns")
-
-
-def _next_rows(problem: DesignProblem, path: Trajectory, rows: Rows, checked: bool) -> Rows | None:
-    """Return the rows to climb with again, or None where these will do."""
-    if checked:
-        return tightened(problem, path, rows)
-    return None
 
 
 def _flown(problem: DesignProblem, p: np.ndarray) -> Trajectory:

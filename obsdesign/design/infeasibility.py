@@ -91,26 +91,30 @@ def fastest_ground_speed(problem: DesignProblem) -> float | None:
 # ---------------------------------------------------------------- after
 
 
-def explained(problem: DesignProblem, found: Sequence[Climbed]) -> Explanation:
-    """Return what the nearest of the climbs falls short of, and what would have to give: more time, or wider bounds."""
-    nearest = _nearest(problem, found)
-    if nearest is None:
-        return Explanation((), "")
-    short = shortfalls(problem, nearest.path)
-    if not short:
-        return Explanation((), "")
-    words = [str(each) for each in short[:3]]
-    words += [text for text in (_wider_bounds(problem, nearest), _longer(problem, nearest)) if text]
-    return Explanation(short, "; ".join(words))
-
-
-def _nearest(problem: DesignProblem, found: Sequence[Climbed]) -> Climbed | None:
-    """The path of least shortfall: climbed to with limits alone, from where the climbs ended and from the shortest way."""
+def nearest_to_limits(problem: DesignProblem, found: Sequence[Climbed]) -> Climbed | None:
+    """Return the path of least shortfall: climbed to with limits alone, from where climbs ended and from the shortest way."""
     tasks = [each.u for each in found[:2]]
     shortest = shortest_inputs(problem)
     tasks += [] if shortest is None else [shortest]
     reached = [_to_limits(problem, u) for u in tasks]
     return min(reached, key=lambda each: -min((s.margin for s in shortfalls(problem, each.path)), default=0.0), default=None)
+
+
+def rescued(problem: DesignProblem, nearest: Climbed | None) -> Climbed | None:
+    """Return a climb from a path that meets all limits, where one was found though no start has an answer."""
+    if nearest is None or not is_feasible(problem, nearest.path):
+        return None
+    return climbed(Task(problem, "from a path within the limits", nearest.u, (problem.path,), True))
+
+
+def explained(problem: DesignProblem, nearest: Climbed | None) -> Explanation:
+    """Return what the nearest path falls short of, and what would have to give: more time, or wider bounds."""
+    short = () if nearest is None else shortfalls(problem, nearest.path)
+    if nearest is None or not short:
+        return Explanation((), "a path within the limits was found, but no climb from it or from the starts came to an end")
+    words = [str(each) for each in short[:3]]
+    words += [text for text in (_wider_bounds(problem, nearest), _longer(problem, nearest)) if text]
+    return Explanation(short, "; ".join(words))
 
 
 def _to_limits(problem: DesignProblem, u: np.ndarray) -> Climbed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,24 +93,30 @@ def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:
     return Fine(fine.t, nodes.values(fine.x, np.vstack([u, u[-1:]])), nodes)
 
 
-def tightened(problem: DesignProblem, path: Trajectory, rows: Rows) -> Rows | None:
-    """Return rows that ask for more where the path falls short between its nodes, or None where it nowhere does."""
+def tightened(problem: DesignProblem, path: Trajectory, rows: Rows, factor: float = 1.1) -> Rows | None:
+    """Return rows that ask for `factor` times what the path falls short of between its nodes, or None where it nowhere does."""
     if not problem.constraints:
         return None
     fine = fine_margins(problem, path)
     short = np.maximum(0.0, -(fine.margins - ALLOWED / 2))
     allowance, found = rows.allowance.copy(), False
-    for i, constraint in enumerate(problem.constraints):
-        if constraint.span.anywhere:
-            continue
-        within = nodes_within(constraint, problem.steps * FINER, problem.step / FINER)
-        for margin in np.flatnonzero(np.array(fine.nodes.owner) == i):
-            for k in within[short[within, margin] > ALLOWED / 2]:
-                near = (rows.margin == margin) & (np.abs(rows.node * FINER - k) < FINER)
-                if near.any():
-                    allowance[near] = np.maximum(allowance[near], rows.allowance[near] + 1.1 * short[k, margin])
-                    found = True
+    for margin, k, everywhere in _short_of(problem, fine, short):
+        near = (rows.margin == margin) & ((np.abs(rows.node * FINER - k) < FINER) | (not everywhere))
+        if near.any():
+            allowance[near] = np.maximum(allowance[near], rows.allowance[near] + factor * short[k, margin])
+            found = True
     return replace(rows, allowance=allowance) if found else None
+
+
+def _short_of(problem: DesignProblem, fine: Fine, short: np.ndarray) -> Iterator[tuple[int, int, bool]]:
+    """Yield (margin, fine node, whether it must hold everywhere) of what falls short: of what must hold once, where it does so least."""
+    for i, constraint in enumerate(problem.constraints):
+        within = nodes_within(constraint, problem.steps * FINER, problem.step / FINER)
+        mine = np.flatnonzero(np.array(fine.nodes.owner) == i)
+        if constraint.span.anywhere:
+            within = within[[int(fine.margins[np.ix_(within, mine)].min(axis=1).argmax())]]
+        for margin in mine:
+            yield from ((int(margin), int(k), not constraint.span.anywhere) for k in within[short[within, margin] > ALLOWED / 2])
 
 
 def shortfalls(problem: DesignProblem, path: Trajectory) -> tuple[Shortfall, ...]:

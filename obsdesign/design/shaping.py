@@ -16,12 +16,14 @@ from obsdesign.design.aim import aim_of, value_of
 from obsdesign.design.choosing import chosen
 from obsdesign.design.climbing import Climbed, Task, climbed, families_of
 from obsdesign.design.evidence import evidence_for
-from obsdesign.design.infeasibility import why_unreachable
+from obsdesign.design.infeasibility import nearest_to_limits, rescued, why_unreachable
+from obsdesign.design.limits import is_feasible
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Program
 from obsdesign.design.record import Design
 from obsdesign.design.starts import start_inputs
 from obsdesign.errors import SolveError, UnobservableError
+from obsdesign.paths.abstract import AbstractPath
 from obsdesign.status import Status
 
 _SKIPPED = 20
@@ -97,13 +99,23 @@ def _designed(problem: DesignProblem, starts: int, seed: int, executor: Executor
     if near is not None and near.trajectory is not None:
         named = [("that of another duration", _stretched(near.trajectory.u, problem.steps)), *named[: max(1, starts // 2)]]
     coarse = list(apply(climbed, [Task(problem, name, u, families[:1], len(families) == 1) for name, u in named]))
-    if len(families) == 1:
-        return chosen(problem, coarse, coarse)
+    refined = coarse if len(families) == 1 else _refined(problem, families, coarse, executor)
+    if any(each.status.has_answer and is_feasible(problem, each.path) for each in refined):
+        return chosen(problem, coarse, refined)
+    nearest = nearest_to_limits(problem, refined)
+    rescue = rescued(problem, nearest)
+    more = [] if rescue is None else [rescue]
+    return chosen(problem, [*coarse, *more], [*refined, *more], nearest)
+
+
+def _refined(
+    problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[Climbed], executor: Executor | None
+) -> list[Climbed]:
+    """Climb on from the best of the coarse paths through the finer families."""
+    apply = map if executor is None else executor.map
     kept = _worth_refining(coarse)
-    refined = list(apply(climbed, [Task(problem, each.name, each.u, families[1:], True) for each in kept]))
-    added = {each.name: each.iterations for each in coarse}
-    refined = [replace(each, iterations=each.iterations + added[each.name]) for each in refined]
-    return chosen(problem, coarse, refined)
+    found = apply(climbed, [Task(problem, each.name, each.u, families[1:], True) for each in kept])
+    return [replace(each, iterations=each.iterations + before.iterations) for each, before in zip(found, kept, strict=True)]
 
 
 def _stretched(u: np.ndarray, steps: int) -> np.ndarray:

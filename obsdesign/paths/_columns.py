@@ -61,3 +61,8 @@ def held(value: Any, grid: Grid) -> Any:  # noqa: ANN401
     import numpy as np
 
     return ca.repmat(value, grid.steps, 1) if isinstance(value, ca.SX | ca.MX | ca.DM) else np.full(grid.steps, value)
+
+
+def like(p: Any, array: np.ndarray) -> Any:  # noqa: ANN401
+    """Return an array that does not depend on p as what p is: symbolic or numerical."""
+    return array if is_array(p) else type(p)(array)

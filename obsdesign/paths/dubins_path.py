@@ -75,7 +75,7 @@ class DubinsPath(AbstractPath):
 
         row = np.zeros((1, len(grid.names)))
         row[0, self._turn(grid)] = np.ptp(self._values(grid)) / self.blend
-        return row if _columns.is_array(p) else type(p)(row)
+        return _columns.like(p, row)
 
     def _turn(self, grid: Grid) -> int:
         """Index of the turn rate among the inputs."""

@@ -10,7 +10,7 @@ from obsdesign.report.figures.path import SIGMAS, ellipse_factor
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.naming import path_in_words
 from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 MENTIONED = 0.15  # components of a direction smaller than this go without saying
 
@@ -20,8 +20,8 @@ def on_the_map(study: Study) -> str:
     seconds, factor = plain(study.scenario.time.segment), ellipse_factor(study)
     size = f"enlarged {factor} times" if factor > 1 else "to scale"
     return (
-        f"Dark is where most is learnt about what is known least: the colour is v′Wₖv / v′Wv, the share that a {seconds}{NARROW}s "
-        "segment adds to what all sensors know in the weakest direction v of the designed path. Ellipses are "
+        f"Dark is where most is learnt about what is known least: the colour is v′Wₖv / v′Wv, the share that a segment of "
+        f"{seconds}{NARROW}s adds to what all sensors know in the weakest direction v of the designed path. Ellipses are "
         f"{plain(SIGMAS)}σ of the position by the posterior Cramér-Rao bound with the chosen schedule, {size}."
     )
 

@@ -7,7 +7,7 @@ from obsdesign.design.record import Design
 from obsdesign.report import facts
 from obsdesign.report.rounding import NARROW, joined, percent, plain, rounded
 from obsdesign.report.wording import criterion_name
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 _MANY = 4  # optima that are named
 
@@ -26,13 +26,15 @@ def objective_name(study: Study) -> str:
 
 
 def _optima(design: Design) -> str:
-    found = [f"{rounded(each.value)} ({_starts(len(each.starts))})" for each in design.optima[:_MANY]]
+    """What the starts that were climbed to the end came to; values to five digits, which tell optima apart."""
+    refined = [start for start in design.starts if start.refined]
+    found = [f"{rounded(each.value, 5)} ({_starts(len(each.starts))})" for each in design.optima[:_MANY]]
     more = len(design.optima) - _MANY
     found += [f"{more} more"] if more > 0 else []
-    coarse = sum(not start.refined for start in design.starts)
-    rest = f"; {_starts(coarse)} left in a coarser family, others being better there" if coarse else ""
     few = "one optimum" if len(design.optima) == 1 else f"{len(design.optima)} distinct optima"
-    return f"{_starts(len(design.starts))} came to {few}, {joined(found)}{rest}."
+    some = len(refined) < len(design.starts)
+    who = f"of {_starts(len(design.starts))} the best {len(refined)} in a coarser family" if some else _starts(len(refined))
+    return f"{who} climbed to {few}, {joined(found)}."
 
 
 def _starts(count: int) -> str:

@@ -9,9 +9,10 @@ import numpy as np
 from obsdesign.design.record import Cap
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.record import standard_deviations
+from obsdesign.scenario.schema import DESIGNED
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
-from obsdesign.study import CHOSEN, DESIGNED, Analysis, Check, Quality, Study, every_step
+from obsdesign.study.record import CHOSEN, Analysis, Check, Quality, Study, every_step
 from obsdesign.validation import SETTLED, active_steps
 
 

@@ -16,7 +16,7 @@ from obsdesign.report.naming import shortfalls_in_words
 from obsdesign.report.rounding import NARROW, joined, label, plain, readable, rounded, with_unit
 from obsdesign.report.tables import Cell, Table
 from obsdesign.scenario.schema import FlightTable
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 _BETTER = 0.8  # share of the other flight's standard deviation that counts as better
 
@@ -109,8 +109,8 @@ def errors_table(study: Study, flight: Flight) -> Table:
     nees = [f"{name}: {rounded(float(each.nees.mean()))}" for name, each in zip(names, flights, strict=True)]
     return Table(
         "What is known at the end of the flight",
-        f"Good: small standard deviations (1σ) of the filter, and errors of that size. One flight is one draw: an honest filter's NEES is {n} "
-        f"on average over many. Mean over this flight: {'; '.join(nees)}.",
+        f"Good: small standard deviations (1σ) of the filter, and errors of that size. One flight is one draw: an honest filter's NEES "
+        f"is {n} on average over many. Mean over this flight: {'; '.join(nees)}.",
         ("state", *(f"{name}, {what} [as the state]" for name in names for what in ("error", "1σ"))),
         rows,
     )
@@ -126,8 +126,8 @@ def plans_table(study: Study, flight: Flight) -> Table:
     kept = sum(flight.feasible)
     return Table(
         "Plans on the way",
-        f"Good: plans that keep every limit, here {kept} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes few "
-        "iterations: stopping at their limit is usual.",
+        f"Good: plans that keep every limit, here {kept} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes "
+        "few iterations: stopping at their limit is usual.",
         ("how the climb ended", "what was flown", "plans [–]"),
         rows,
     )

@@ -9,10 +9,11 @@ from pathlib import Path
 from obsdesign.errors import InputError
 from obsdesign.exchange.schedule_csv import schedule_csv
 from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.document import Result
 from obsdesign.report.facts import segment_nodes
 from obsdesign.report.page import page_of
-from obsdesign.report.result import Result, result_of
-from obsdesign.study import Study
+from obsdesign.report.result import result_of
+from obsdesign.study.record import Study
 
 
 def write_report(folder: str | Path, study: Study) -> Result:

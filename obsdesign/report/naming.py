@@ -7,8 +7,8 @@ import re
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.limits import Shortfall
 from obsdesign.report.rounding import NARROW, readable, rounded
+from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
 from obsdesign.signals import Signal
-from obsdesign.study import SHORTEST, STRAIGHT, WEAVE
 
 # what a path does that breaks a limit, by the limit's name as messages call it
 _BREAKS = {

@@ -25,7 +25,7 @@ from obsdesign.report.figures.spectrum import spectrum_figure
 from obsdesign.report.result import versions
 from obsdesign.report.rounding import percent, plain, rounded
 from obsdesign.report.tables import Table
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 
 @dataclass(frozen=True)

@@ -1,245 +1,47 @@
-"""The result of a study as one JSON document with a published schema."""
+"""The result of a study as one JSON document."""
 
 from __future__ import annotations
 
-import math
 import platform
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
-from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 import obsdesign
 from obsdesign.design.limits import Shortfall
-from obsdesign.design.record import Design, Evidence
+from obsdesign.design.record import Design, Evidence, Start
 from obsdesign.flight import Flight
 from obsdesign.information.shares import Contributions
+from obsdesign.report.document import (
+    SCHEMA_VERSION,
+    CapPart,
+    ContributionPart,
+    DesignPart,
+    EvidencePart,
+    FlightPart,
+    FlownPart,
+    OptimumPart,
+    PathPart,
+    PlanPart,
+    QualityPart,
+    Result,
+    RobustnessPart,
+    ScenarioPart,
+    SelectionPart,
+    ShortfallPart,
+    StartPart,
+    ValidationPart,
+    VerdictPart,
+)
 from obsdesign.report.expectations import Expectation, expectations
 from obsdesign.report.flying import broken, final_errors
-from obsdesign.study import Analysis, Candidate, Quality, Selection, Study
+from obsdesign.study.record import Analysis, Candidate, Quality, Selection, Study
 from obsdesign.validation import Validation
 
-SCHEMA_VERSION = "1.2"
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
-
-
-def _finite(value: Any) -> Any:  # noqa: ANN401
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-# JSON has no NaN and no infinity: both are null, and each field says what null means
-Number = Annotated[float | None, BeforeValidator(_finite)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ScenarioPart(_Part):
-    """Which scenario this is the result of."""
-
-    title: str
-    file: str = Field(description="name of the file")
-    sha256: str = Field(description="of the file's bytes")
-    states: list[str]
-    state_units: list[str]
-    sensors: list[str]
-
-
-class VerdictPart(_Part):
-    """What a suite of sensors sees in a manoeuvre, at the start state."""
-
-    dimension: int = Field(description="of the observable space")
-    states: int = Field(description="n")
-    observable: bool
-    decided: bool = Field(description="false: the precision limit was reached and nothing is claimed")
-    ranks: list[int] = Field(description="after each sweep of Lie derivatives")
-    observable_states: list[str]
-    unobservable_states: list[str]
-    hidden: str = Field(description="the hidden directions in words")
-    null_space: list[list[float]] = Field(description="orthonormal hidden directions, each a list over the states")
-    proof: str
-
-
-class QualityPart(_Part):
-    """How well a suite of sensors sees the start state along a path, without a prior."""
-
-    value: Number = Field(description="criterion of S W S, S = prior standard deviations; null: minus infinity")
-    eigenvalues: list[float] = Field(description="of S W S, ascending, no unit")
-    std: list[Number] = Field(description="Cramer-Rao standard deviation per state in its unit; null: hidden")
-
-
-class ContributionPart(_Part):
-    """Who says what is known of one component of the start state."""
-
-    std: Number = Field(description="Cramer-Rao standard deviation in the state's unit; null: hidden")
-    by_sensor: dict[str, Number] = Field(description="share of each sensor, adding up to 1; null: hidden")
-    in_words: str
-
-
-class ShortfallPart(_Part):
-    """A limit that a path breaks."""
-
-    what: str
-    time: float = Field(description="when it is broken most [s]")
-    by: float = Field(description="in `unit`")
-    unit: str
-
-
-class PathPart(_Part):
-    """A path and its quality for each suite of sensors."""
-
-    feasible: bool = Field(description="whether it satisfies every limit of the design")
-    shortfalls: list[ShortfallPart] = Field(description="the limits that it breaks, worst first")
-    duration: float = Field(description="[s]")
-    quality: dict[str, QualityPart]
-    contributions: dict[str, ContributionPart] = Field(description="by state; all sensors on")
-
-
-class StartPart(_Part):
-    """One start of the solver."""
-
-    name: str
-    status: str
-    value: Number = Field(description="the objective, recomputed; null: no answer")
-    iterations: int
-    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
-    refined: bool = Field(description="false: left in a coarser family, as another start was better there")
-
-
-class CapPart(_Part):
-    """An upper bound on the value of every path."""
-
-    value: float
-    states: list[str] = Field(description="the block of S W S that no path changes")
-    reached: bool
-
-
-class OptimumPart(_Part):
-    """A local optimum and the starts that came to it."""
-
-    value: float = Field(description="the objective")
-    starts: list[str]
-
-
-class RobustnessPart(_Part):
-    """The criterion over fresh draws of the prior, the same inputs for all."""
-
-    draws: int
-    worst: float
-    five_percent: float = Field(description="95 % of the draws are above it")
-    mean: float
-
-
-class EvidencePart(_Part):
-    """How much better another path might be: evidence, not proof."""
-
-    estimate: Number = Field(description="no path above it was met in `climbs` climbs along the dual question")
-    remaining: Number = Field(description="1 - value / estimate")
-    dual: list[list[float]] = Field(description="Z >= 0, trace 1 over the judged states, of the estimate")
-    climbs: int
-    in_words: str
-
-
-class DesignPart(_Part):
-    """The path designed for a suite of sensors."""
-
-    status: str
-    value: Number = Field(description="criterion of S W S, recomputed; null: no answer")
-    objective: Number = Field(description="what was maximised: the value, of the prior's draws if robust, less prices")
-    eigenvalues: list[Number] = Field(description="the two smallest of S W S")
-    duration: float = Field(description="[s]")
-    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
-    iterations: int
-    cap: CapPart | None
-    optima: list[OptimumPart] = Field(description="distinct ones among the refined starts, best first")
-    robustness: RobustnessPart | None
-    evidence: EvidencePart | None
-    starts: list[StartPart]
-
-
-class SelectionPart(_Part):
-    """The sensor schedule along the designed path."""
-
-    status: str
-    chosen: list[list[int]] = Field(description="(K, S): 1 where the sensor is on in the segment")
-    value: Number = Field(description="lambda_min of S W S of the schedule")
-    bound: Number = Field(description="no schedule is better than this")
-    root_bound: Number
-    gap: Number = Field(description="1 - value / bound")
-    fractional_segments: int
-    dual: list[list[Number]] = Field(description="Z >= 0 with trace 1 that proves root_bound")
-    naive: dict[str, float] = Field(description="values of naive schedules")
-    random_best: float
-    random_median: float
-    random_count: int
-
-
-class ValidationPart(_Part):
-    """Filter runs on one path with one schedule."""
-
-    verdict: str = Field(description="consistent, overconfident or underconfident")
-    in_band: float = Field(description="share of the instants after the first quarter with run-averaged NEES in its 95 % band")
-    nees_interval: tuple[float, float]
-    nees: list[float] = Field(description="run-averaged, at every t")
-    final_rmse: dict[str, float] = Field(description="root mean square error of each state at the end, in its unit")
-    final_bound: dict[str, Number] = Field(description="posterior Cramer-Rao standard deviation there; null: hidden")
-    rmse: dict[str, list[float]]
-    bound: dict[str, list[Number]]
-    runs: int
-
-
-class PlanPart(_Part):
-    """A plan made on a flight."""
-
-    status: str
-    feasible: bool = Field(description="whether it keeps every limit from where the filter believes to be")
-    age: int = Field(description="how many plans ago its inputs were found")
-    value: Number = Field(description="objective of the plan, what the filter knows included; null: not computed")
-
-
-class FlownPart(_Part):
-    """A flight with the filter in the loop; histories by state or input."""
-
-    truth: dict[str, list[float]]
-    mean: dict[str, list[float]] = Field(description="the filter's estimate")
-    std: dict[str, list[float]] = Field(description="the filter's standard deviation")
-    u: dict[str, list[float]] = Field(description="inputs, one fewer than t")
-    nees: list[float]
-    final_error: dict[str, float] = Field(description="|estimate - truth| at the end")
-    final_std: dict[str, float]
-    shortfalls: list[ShortfallPart] = Field(description="limits that the true states broke, worst first")
-
-
-class FlightPart(_Part):
-    """A flight that was planned anew on the way, and the same with all inputs in the middle of their ranges."""
-
-    t: list[float]
-    flown: FlownPart
-    middle: FlownPart | None
-    plans: list[PlanPart]
-
-
-class Result(_Part):
-    """Everything a study found. The same scenario, seed and versions give the same bytes save for `timings`."""
-
-    schema_version: str
-    scenario: ScenarioPart
-    seed: int
-    versions: dict[str, str]
-    analyses: dict[str, dict[str, VerdictPart]] = Field(description="by manoeuvre, then by sensors joined with +")
-    designs: dict[str, DesignPart] = Field(description="by suite; all = all sensors")
-    paths: dict[str, PathPart]
-    selection: SelectionPart
-    t: list[float] = Field(description="times of the histories below [s]")
-    validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule")
-    flight: FlightPart | None = Field(description="null: none was asked for")
-    expected: list[Expectation]
-    timings: dict[str, float] = Field(description="seconds per stage; the only part that varies from run to run")
 
 
 def result_of(study: Study) -> Result:
@@ -325,7 +127,18 @@ def _design(design: Design) -> DesignPart:
         optima=[OptimumPart(value=each.value, starts=list(each.starts)) for each in design.optima],
         robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
         evidence=None if evidence is None else _evidence(evidence),
-        starts=[StartPart(**asdict(start) | {"status": start.status.name}) for start in design.starts],
+        starts=[_start(start) for start in design.starts],
+    )
+
+
+def _start(start: Start) -> StartPart:
+    return StartPart(
+        name=start.name,
+        status=start.status.name,
+        value=start.value,
+        iterations=start.iterations,
+        residual=start.residual,
+        refined=start.refined,
     )
 
 

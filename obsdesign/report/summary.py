@@ -7,7 +7,7 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from obsdesign.report.result import DesignPart, Result, ValidationPart
+from obsdesign.report.document import DesignPart, Result, ValidationPart
 
 
 def summary_of(result: Result) -> Group:

@@ -16,7 +16,7 @@ from obsdesign.report.naming import shortfalls_in_words
 from obsdesign.report.rounding import MINUS, NARROW, label, plain, polished, readable, rounded
 from obsdesign.report.wording import criterion_name
 from obsdesign.signals import Signal
-from obsdesign.study import Analysis, Candidate, Check, Quality, Study
+from obsdesign.study.record import Analysis, Candidate, Check, Quality, Study
 from obsdesign.validation import CONSISTENT_SHARE
 
 DASH = "–"

@@ -8,7 +8,8 @@ from obsdesign.report import facts
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.naming import path_in_words
 from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, rounded, with_unit
-from obsdesign.study import STRAIGHT, WEAVE, Check, Study
+from obsdesign.scenario.schema import STRAIGHT, WEAVE
+from obsdesign.study.record import Check, Study
 
 _CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
@@ -63,7 +64,7 @@ def seen(study: Study) -> str:
         parts.append(f"{sum(verdict.observable for verdict in verdicts)} of {len(verdicts)} ({manoeuvre})")
     blind = [(suite, facts.incomplete(study, suite)) for suite in study.suites]
     missing = [
-        f"{facts.sensors_in_words(study, suite)} misses {'' if each.verdict.decided else 'up to '}{n - each.verdict.dimension} of {n} "
+        f"{_misses(study, suite)} {'' if each.verdict.decided else 'up to '}{n - each.verdict.dimension} of {n} "
         f"dimensions, within {joined(each.verdict.unobservable_states)} ({each.manoeuvre})"
         for suite, rest in blind
         for each in rest
@@ -71,6 +72,11 @@ def seen(study: Study) -> str:
     yes = "No" if len(facts.incomplete(study, study.suites[0])) == len(parts) else "Yes"
     tail = f"; {joined(missing)}" if missing else ""
     return f"{yes}: of the combinations of sensors, {joined(parts)} see all {n} states{tail}."
+
+
+def _misses(study: Study, suite: tuple[str, ...]) -> str:
+    together = set(suite) == set(study.scenario.sensor_names) and len(suite) > 1
+    return "all together miss" if together else f"{facts.sensors_in_words(study, suite)} misses"
 
 
 def proven(study: Study) -> str:
@@ -131,8 +137,10 @@ def _cap(study: Study, i: int) -> str:
 def weave_in_words(study: Study) -> str:
     """Describe the weave that was found, or say that there is none."""
     weave = study.weave
+    if weave is None and "turn_rate" not in study.scenario.system.model.input_names:
+        return "The vehicle has no turn rate: there is no weave to compare with."
     if weave is None:
-        return "No weave meets the same limits, or the vehicle has no turn rate: there is none to compare with."
+        return "No weave meets the same limits: there is none to compare with."
     degrees, side = 180 / np.pi, "left" if weave.side > 0 else "right"
     return (
         f"The weave turns by {rounded(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
@@ -184,8 +192,8 @@ def reasons(study: Study) -> tuple[str, ...]:
         on = joined([name for name, kept in zip(study.scenario.sensor_names, last, strict=True) if kept])
         found.append(
             f"The final error in {joined(worse)} is larger than on {path_in_words(study.baseline)} with "
-            f"{facts.baseline(study).schedule}: the schedule is chosen for what the whole path says about the start state, not for the last instant, "
-            f"and the last segment has only {on}."
+            f"{facts.baseline(study).schedule}: the schedule is chosen for what the whole path says about the start state, not for the "
+            f"last instant, and the last segment has only {on}."
         )
     return tuple(found)
 

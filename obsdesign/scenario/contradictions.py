@@ -12,11 +12,9 @@ from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import Grid
-from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.schema import DESIGNED, SHORTEST, STRAIGHT, WEAVE, Scenario
 from obsdesign.scenario.wording import Location, Problem, unknown_key, unknown_name
 
-STRAIGHT, SHORTEST, WEAVE, DESIGNED = "straight", "shortest", "weave", "designed"  # what the study calls its own paths
-OTHER_PATHS = (STRAIGHT, SHORTEST, WEAVE, DESIGNED)
 _ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
@@ -106,7 +104,7 @@ def _baseline_problems(scenario: Scenario) -> Iterator[Problem]:
     for i, name in enumerate(names):
         if name in names[:i]:
             yield Problem(("baselines", i, "name"), f"is {name!r}: another baseline has that name")
-        if name in OTHER_PATHS or name.startswith(f"{DESIGNED} for "):
+        if name in (STRAIGHT, SHORTEST, WEAVE, DESIGNED) or name.startswith(f"{DESIGNED} for "):
             yield Problem(("baselines", i, "name"), f"is {name!r}: the study calls another path so")
 
 

@@ -70,8 +70,9 @@ class _Kind:
         if "kind" not in table["properties"]:
             properties = {key: _as_table(item) for key, item in table["properties"].items()}
             degrees = {f"{key}_deg": item for key, item in properties.items() if _is_number(item)}
-            needed = [key for key in table.get("required", []) if f"{key}_deg" not in degrees]
-            either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}_deg"]}]} for key in table.get("required", []) if key not in needed]
+            required = table.get("required", [])
+            needed = [key for key in required if f"{key}_deg" not in degrees]
+            either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}_deg"]}]} for key in required if key not in needed]
             table |= {"properties": {"kind": {"const": self.kind}} | properties | degrees, "required": ["kind", *needed]}
             table |= {"allOf": either} if either else {}
         return found

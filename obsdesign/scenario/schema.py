@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from obsdesign.prior import Prior
     from obsdesign.system import System
 
+
 class _Table(BaseModel):
     """A table of the file: no unknown keys, no NaN, no silent conversion."""
 
@@ -28,6 +29,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, defer_build=True)
 
 
+STRAIGHT, SHORTEST, WEAVE, DESIGNED = "straight", "shortest", "weave", "designed"  # what a study calls its own paths
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -155,7 +157,7 @@ class Scenario(_Table):
     process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
     time: Time
     manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
-    baselines: tuple[Baseline, ...] = Field(default=(), description="paths to compare with; the first is what one would do without thinking")
+    baselines: tuple[Baseline, ...] = Field(default=(), description="paths to compare with; the first is the naive one")
     design: DesignTable
     selection: SelectionTable = Field(default_factory=SelectionTable)
     validation: ValidationTable = Field(default_factory=ValidationTable)

@@ -11,10 +11,11 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.study import DESIGNED, STRAIGHT, WEAVE
+from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 
 WIDTH = 4.8  # inches: 10 pt text stays 10 px on a phone that is 400 px wide
 BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"  # Okabe and Ito
+_LONG = 28  # letters of a label beside which there is no room for another
 INK, QUIET, FAINT = "#222222", "#767676", "#d4d4d4"
 
 # colour of each path, the same in every figure
@@ -82,7 +83,7 @@ def light_grid(axes: Axes, which: str = "both") -> None:
 def legend_below(figure: Figure, axes: Axes, columns: int = 2) -> None:
     """Put the legend of `axes` below everything, where it covers nothing."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    figure.legend(handles, labels, loc="outside lower center", ncols=1 if max(map(len, labels), default=0) > _LONG else columns)
 
 
 def _embedded(document: str, name: str, description: str) -> str:

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from obsdesign.constraints.circle_clearance import CircleClearance
 from obsdesign.design.nodes import nodes_of
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
-from obsdesign.study import DESIGNED, Study
+from obsdesign.scenario.schema import DESIGNED
+from obsdesign.study.record import Study
 
 
 def clearance_figure(study: Study) -> str:
@@ -50,7 +51,7 @@ def _draw(study: Study, axes: Axes, which: int) -> None:
     limit, names = _limits(study)[which], tuple(candidate.name for candidate in study.candidates)
     light_grid(axes)
     axes.axhline(limit.clearance, color=INK, linewidth=1, linestyle=":")
+    t = study.designed.path.t
     for name in dict.fromkeys((study.baseline, DESIGNED)):
-        path = study.candidate(name).path
-        axes.plot(path.t[:-1], clearances(study, name)[which][0], color=path_colour(name, names), label=name)
-    axes.set(ylabel="clearance [m]", xlim=(path.t[0], path.t[-1]), ylim=(-0.03 * axes.get_ylim()[1], None))
+        axes.plot(t[:-1], clearances(study, name)[which][0], color=path_colour(name, names), label=name)
+    axes.set(ylabel="clearance [m]", xlim=(t[0], t[-1]), ylim=(-0.03 * axes.get_ylim()[1], None))

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from obsdesign.report.facts import CHOSEN, DESIGNED, settled_after
 from obsdesign.report.figures._drawing import FAINT, INK, inline_svg, legend_below, light_grid
 from obsdesign.report.figures.errors import case_colour, number_axis
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 
 def consistency_figure(study: Study) -> str:

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from obsdesign.report.facts import DESIGNED, cleaned, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 _SHOWN = 0.1  # a component smaller than this is left to its colour
 

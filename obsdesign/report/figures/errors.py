@@ -13,7 +13,7 @@ from obsdesign.report.facts import CHOSEN, DESIGNED, states_of
 from obsdesign.report.figures._drawing import BLUE, INK, ORANGE, SKY, VERMILLION, inline_svg, light_grid
 from obsdesign.report.rounding import label, readable
 from obsdesign.signals import Signal
-from obsdesign.study import Check, Study
+from obsdesign.study.record import Check, Study
 
 _DASHED = (0, (3, 2))
 

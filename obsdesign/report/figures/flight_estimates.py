@@ -10,7 +10,7 @@ from obsdesign.flight import Flight
 from obsdesign.report.facts import states_of
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, light_grid
 from obsdesign.report.rounding import label, readable
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 _ON_THE_MAP = ("x", "y")
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from obsdesign.flight import Flight
 from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 
 def flight_map_figure(study: Study) -> str:

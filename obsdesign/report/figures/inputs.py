@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
 from obsdesign.report.rounding import label, readable
-from obsdesign.study import DESIGNED, STRAIGHT, Study
+from obsdesign.scenario.schema import DESIGNED, STRAIGHT
+from obsdesign.study.record import Study
 
 
 def inputs_figure(study: Study) -> str:

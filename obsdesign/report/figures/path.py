@@ -15,7 +15,8 @@ from obsdesign.report.facts import DESIGNED, position_covariances, segment_share
 from obsdesign.report.figures._drawing import INK, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.report.rounding import NARROW, plain, rounded
-from obsdesign.study import SHORTEST, WEAVE, Study
+from obsdesign.scenario.schema import SHORTEST, WEAVE
+from obsdesign.study.record import Study
 
 SIGMAS = 2.0  # half axes of the ellipses
 _ELLIPSES = 12

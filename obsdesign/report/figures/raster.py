@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from obsdesign.report.facts import segment_nodes
 from obsdesign.report.figures._drawing import BLUE, inline_svg
 from obsdesign.report.rounding import percent, rounded
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 
 def raster_figure(study: Study) -> str:

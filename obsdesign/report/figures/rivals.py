@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
 from obsdesign.report.rounding import rounded
-from obsdesign.study import CHOSEN, Study
+from obsdesign.study.record import CHOSEN, Study
 
 
 def rivals_figure(study: Study) -> str:

@@ -12,7 +12,7 @@ from matplotlib.ticker import NullLocator
 from obsdesign.report.facts import cap_for, cleaned, judged_by_eigenvalue, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg, light_grid, path_colour
 from obsdesign.report.rounding import rounded
-from obsdesign.study import Study
+from obsdesign.study.record import Study
 
 _LETTERS = 56  # that fit side by side below the columns
 

@@ -1,0 +1,1 @@
+"""The main job: analyse, design, select, validate and, where asked, fly; in that order."""

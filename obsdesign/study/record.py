@@ -1,0 +1,168 @@
+"""What a study found, question by question."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.analysis.verdict import Verdict
+from obsdesign.design.limits import Shortfall
+from obsdesign.design.record import Design
+from obsdesign.design.weave import Weave
+from obsdesign.flight import Flight
+from obsdesign.information.record import Information
+from obsdesign.information.shares import Contributions
+from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Scenario
+from obsdesign.selection.schedule import Schedule
+from obsdesign.trajectory import Trajectory
+from obsdesign.validation import Validation
+
+CHOSEN = "chosen"  # the name of the schedule, as STRAIGHT and DESIGNED are those of paths
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What one suite of sensors can see in one manoeuvre."""
+
+    manoeuvre: str
+    sensors: tuple[str, ...]
+    verdict: Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """How well one suite of sensors sees the start state along one path, without a prior.
+
+    value: the criterion of S W S; eigenvalues (n,) of S W S, ascending, and vectors (n, n), its unit eigenvectors in columns, in
+    scaled states; std (n,): Cramer-Rao bound per state in its unit, inf for a state that stays hidden.
+    """
+
+    sensors: tuple[str, ...]
+    value: float
+    eigenvalues: np.ndarray
+    std: np.ndarray
+    vectors: np.ndarray
+
+    @property
+    def weakest(self) -> np.ndarray:
+        """Unit eigenvector (n,) of the smallest eigenvalue: what is known least."""
+        return self.vectors[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A path, its quality for each suite (all sensors first), who says what, and which limits of the design it breaks.
+
+    nodes (K+1,): where its K segments begin and end, in steps; the last may be shorter than the others.
+    """
+
+    name: str
+    path: Trajectory
+    information: Information
+    nodes: np.ndarray
+    qualities: tuple[Quality, ...]
+    contributions: Contributions
+    shortfalls: tuple[Shortfall, ...]
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it breaks no limit."""
+        return not self.shortfalls
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return float(self.path.t[-1] - self.path.t[0])
+
+    @property
+    def blocks(self) -> np.ndarray:
+        """Information (K, S, n, n) of each segment and sensor."""
+        return np.add.reduceat(self.information.blocks, self.nodes[:-1], axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """A naive schedule (K, S) and its value."""
+
+    name: str
+    chosen: np.ndarray
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The schedule for the designed path, and what one would have done without thinking.
+
+    random_values: values of a thousand random schedules, sorted.
+    """
+
+    schedule: Schedule
+    rivals: tuple[Rival, ...]
+    random_values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """Filter runs on one path under one schedule."""
+
+    path: str
+    schedule: str
+    chosen: np.ndarray
+    validation: Validation
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight: where one is asked for."""
+
+    scenario: Scenario
+    seed: int
+    analyses: tuple[Analysis, ...]
+    designs: tuple[Design, ...]
+    weave: Weave | None
+    candidates: tuple[Candidate, ...]
+    selection: Selection
+    checks: tuple[Check, ...]
+    seconds: Mapping[str, float]
+    flight: Flight | None = None
+
+    @property
+    def suites(self) -> tuple[tuple[str, ...], ...]:
+        """The sensor suites that are reported: all sensors first."""
+        return suites_of(self.scenario)
+
+    @property
+    def baseline(self) -> str:
+        """Name of the path that one would take without thinking."""
+        return baseline_of(self.scenario)
+
+    @property
+    def designed(self) -> Candidate:
+        """The path designed for all sensors."""
+        return self.candidate(DESIGNED)
+
+    def candidate(self, name: str) -> Candidate:
+        """Return the candidate of that name."""
+        return next(candidate for candidate in self.candidates if candidate.name == name)
+
+    def check(self, path: str, schedule: str) -> Check:
+        """Return the filter check of that path and schedule."""
+        return next(check for check in self.checks if (check.path, check.schedule) == (path, schedule))
+
+
+def suites_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+    """All sensors, then the suites that the scenario names."""
+    everything = scenario.sensor_names
+    return (everything, *(suite for suite in scenario.design.suites if set(suite) != set(everything)))
+
+
+def baseline_of(scenario: Scenario) -> str:
+    """Name of the path that one would take without thinking: the first baseline, or the one of idle inputs."""
+    return scenario.baselines[0].name if scenario.baselines else STRAIGHT
+
+
+def every_step(chosen: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Return (N, S): a schedule (K, S) at every step, its segments between nodes (K+1,)."""
+    return np.repeat(chosen, np.diff(nodes), axis=0)
