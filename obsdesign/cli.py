@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import _thread
 import argparse
+import atexit
 import json
 import os
+import signal
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -44,14 +48,19 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # pydantic would read the metadata of every installed package in search of plugins: a tenth of the start of `check`
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     options = _parser().parse_args(arguments)
+    stop = _Stop(options)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a command in the background ignores Ctrl-C
+        signal.signal(signal.SIGINT, stop)
     try:
         code = options.verb(options)
-    except ObsdesignError as error:
-        code = _exit_of(error)
-        _complain(options, str(error), code)
-    except KeyboardInterrupt:
-        code = Exit.INTERRUPTED
-        _complain(options, "interrupted: nothing was written", code)
+    except (Exception, KeyboardInterrupt) as error:
+        if stop.pressed or isinstance(error, KeyboardInterrupt):
+            code = stop.tell()
+        elif isinstance(error, ObsdesignError):
+            code = _exit_of(error)
+            _complain(options, str(error), code)
+        else:
+            raise
     sys.exit(code)
 
 
@@ -177,24 +186,115 @@ def _require_writable(folder: Path) -> None:
 
 @contextmanager
 def _workers(jobs: int) -> Iterator[Executor | None]:
-    """Yield a pool of processes, or None where one process is enough; workers end with the command."""
+    """Yield a pool of processes, or None where one process is enough; workers end with the command.
+
+    What follows writes files: from then on Ctrl-C is one KeyboardInterrupt, and nothing ends by force.
+    """
+    with _pool(jobs) as pool:
+        yield pool
+        stop = signal.getsignal(signal.SIGINT)
+        if isinstance(stop, _Stop):
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            if stop.pressed:
+                raise KeyboardInterrupt
+
+
+@contextmanager
+def _pool(jobs: int) -> Iterator[Executor | None]:
     if jobs == 1:
         yield None
         return
     import multiprocessing
-    import signal
     from concurrent.futures import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"))
-    # workers inherit that Ctrl-C is ignored: this process alone answers it. The first task starts them all
-    answer = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    pool.submit(int)
-    signal.signal(signal.SIGINT, answer)
+    ignore = (signal.SIGINT, signal.SIG_IGN)
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), initializer=signal.signal, initargs=ignore)
     try:
+        with _deaf():
+            while len(multiprocessing.active_children()) < jobs:  # a task starts a worker if none is idle
+                pool.submit(int)
         yield pool
     except BaseException:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
-    finally:
+        # a pool that finds its workers gone fails at tasks that were cancelled, unless it was shut down before and is still there
         pool.shutdown(wait=False, cancel_futures=True)
+        atexit.register(pool.shutdown)
+        _end_workers()
+        raise
+    pool.shutdown(wait=False)
+
+
+def _end_workers() -> None:
+    import multiprocessing
+
+    for worker in multiprocessing.active_children():
+        worker.kill()
+
+
+@contextmanager
+def _deaf() -> Iterator[None]:
+    """Put Ctrl-C off, and start processes that never hear it: this one alone answers."""
+    pressed = []
+    answer = signal.signal(signal.SIGINT, lambda *_: pressed.append(True))
+    blocked = None if sys.platform == "win32" else signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        if sys.platform != "win32":
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        signal.signal(signal.SIGINT, answer)
+    if pressed and callable(answer):
+        answer(signal.SIGINT, None)
+
+
+_PAUSE, _TRIES, _PATIENCE = 0.5, 3, 10.0  # seconds from one KeyboardInterrupt to the next; how many; seconds to leave in
+
+
+class _Stop:
+    """The answer to Ctrl-C: KeyboardInterrupt until one has arrived, after some of them the end by force.
+
+    One is not enough: callbacks of the garbage collector swallow it, some solvers take it for the end of one try, and modules that
+    are being loaded make another error of it.
+    """
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self._options = options
+        self._thread = _thread.get_ident()
+        self._told = False
+        self.pressed = 0
+
+    def __call__(self, *_: object) -> None:
+        self.pressed += 1
+        if self._told or self.pressed > _TRIES:
+            self._end()
+        if self.pressed == 1:
+            sys.unraisablehook = _unless_interrupted
+            _thread.start_new_thread(self._again, ())  # not by threading: its locks may be held where this comes in
+        raise KeyboardInterrupt
+
+    def tell(self) -> Exit:
+        """Say, once, that it has arrived."""
+        told, self._told = self._told, True
+        if not told:
+            _complain(self._options, "interrupted: nothing was written", Exit.INTERRUPTED)
+        return Exit.INTERRUPTED
+
+    def _again(self) -> None:
+        time.sleep(_PAUSE)
+        while not self._told:
+            # to the main thread itself: while that waits, a signal to another one does not wake it
+            _thread.interrupt_main() if sys.platform == "win32" else signal.pthread_kill(self._thread, signal.SIGINT)
+            time.sleep(_PAUSE)
+        time.sleep(_PATIENCE)  # a pool may wait for ever for the rest of what a killed worker had to say
+        self._end()
+
+    def _end(self) -> NoReturn:
+        with suppress(Exception):
+            self.tell()
+            sys.stdout.flush()
+            _end_workers()
+        os._exit(Exit.INTERRUPTED)
+
+
+def _unless_interrupted(unraisable: sys.UnraisableHookArgs) -> None:
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)

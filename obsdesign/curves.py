@@ -98,7 +98,9 @@ def shortest_through(start: Pose, points: Sequence[Sequence[float]], end: Place 
     ever finer steps around the best ones): a good one, not proven to be the shortest. Raises InputError as `curves` does.
     """
     require_positive("radius", radius)
-    places = [*(np.array(as_pair(f"points[{i}]", point)) for i, point in enumerate(points)), *([] if end is None else [_numbers("end", end, 2, 3)])]
+    places = [np.array(as_pair(f"points[{i}]", point)) for i, point in enumerate(points)]
+    if end is not None:
+        places.append(_numbers("end", end, 2, 3))
     if not places:
         raise InputError("points: must be at least one where there is no end")
     via = np.array([place[:2] for place in places[:-1]]).reshape(-1, 2)
@@ -298,11 +300,17 @@ def _unwound(word: str, parts: np.ndarray, z: np.ndarray, turn: np.ndarray | Non
 
 
 def _shortest_of_few(word: str, parts: np.ndarray, z: np.ndarray, turn: np.ndarray | None, slack: float) -> np.ndarray:
-    """The shortest of the parts (k, 3), the same without first, last or all arcs, and one arc alone, that still ends at the pose."""
-    tried = [parts * keep for keep in ((1, 1, 1), (0, 1, 1), (1, 1, 0), (0, 1, 0), (0, 0, 0))]
-    if turn is not None:
-        tried.append(_parts(_SIGN[word[0]] * turn, np.zeros_like(turn), np.zeros_like(turn)))
-    few = np.stack(tried)
+    """The shortest of the parts (k, 3), the same without first, last, both or all arcs, and the first alone, that ends at the pose.
+
+    What a dropped arc was short of a full turn is left to the other one, so that the last heading stays.
+    """
+    (first, middle, last), none = parts.T, np.zeros(len(parts))
+    over = _SIGN[word[0]] * _SIGN[word[2]]
+    without_first = (none, middle, np.maximum(last + over * (first - 2 * np.pi), 0))
+    without_last = (np.maximum(first + over * (last - 2 * np.pi), 0), middle, none)
+    alone = none if turn is None else (_SIGN[word[0]] * turn) % (2 * np.pi)
+    tried = ((first, middle, last), without_first, without_last, (none, middle, none), (alone, none, none), (none, none, none))
+    few = np.stack([np.stack(each, axis=-1) for each in tried])
     end, turned = _flown(word, few)
     missed = np.abs(end - z)
     if turn is not None:

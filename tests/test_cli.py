@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -191,22 +192,146 @@ def test_a_failed_solver_is_exit_code_3_with_its_status_and_no_number(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
 
 
+# ---------------------------------------------------------------- Ctrl-C
+
+# where the tests themselves run in the background, SIGINT is ignored and children inherit that
+LISTEN = "import signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+SAID = "obsdesign: interrupted: nothing was written"
+
+
+def interrupted(code: str, folder: Path, began: str, delay: float = 0.0) -> list[str]:
+    """Press Ctrl-C when the terminal shows that work has begun; return the lines that it shows from then on.
+
+    Nothing is on stdout, the exit code is 130, and of all processes of the command none is left.
+    """
+    import pty  # not on Windows, where there are no process groups either
+
+    ours, terminal = pty.openpty()
+    command = [sys.executable, "-c", LISTEN + code]
+    with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=terminal, text=True, start_new_session=True) as process:
+        os.close(terminal)
+        try:
+            before = shown_until(ours, began)
+            time.sleep(delay)
+            assert process.poll() is None
+            os.killpg(process.pid, signal.SIGINT)
+            output, _ = process.communicate(timeout=30)
+            after = shown_until(ours, None)
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+            os.close(ours)
+    assert (process.returncode, output) == (130, "")
+    patience = time.monotonic() + 10
+    while left := running(process.pid):
+        assert time.monotonic() < patience, left
+        time.sleep(0.1)
+    return (before.partition(began)[2] + after).strip().splitlines()
+
+
+def shown_until(terminal: int, text: str | None) -> str:
+    """Read a terminal until it shows the text, or to its end."""
+    shown = ""
+    while text is None or text not in shown:
+        assert select.select([terminal], [], [], 120)[0], shown
+        try:
+            more = os.read(terminal, 4096)
+        except OSError:  # how Linux says that nobody is at the other side any more
+            more = b""
+        if not more:
+            assert text is None, shown
+            break
+        shown += more.decode()
+    return shown
+
+
+def running(group: int) -> list[str]:
+    """What runs in a process group; the dead that nobody has asked after do not count."""
+    listed = subprocess.run(["ps", "-A", "-o", "pgid=,stat=,args="], capture_output=True, text=True, check=True).stdout
+    columns = [line.split(None, 2) for line in listed.splitlines()]
+    return [row[-1] for row in columns if int(row[0]) == group and not row[1].startswith("Z")]
+
+
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_ctrl_c_leaves_no_file_and_no_process(jobs, tmp_path):
+    """While paths are designed, here or by workers."""
     write(tmp_path, ("starts = 2", "starts = 60"), ("pieces = 8", "pieces = 40"))
-    # where the tests themselves run in the background, SIGINT is ignored and children inherit that
-    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    code = f"{listen}\nfrom obsdesign.cli import main\nmain(['run', 'scenario.toml', '--jobs', '{jobs}'])"
-    command = [sys.executable, "-c", code]
-    process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    time.sleep(4)
-    assert process.poll() is None
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=20)
-    assert (process.returncode, output) == (130, "")
-    assert "interrupted: nothing was written" in errors
-    assert "Traceback" not in errors
+    code = f"from obsdesign.cli import main\nmain(['run', 'scenario.toml', '--jobs', '{jobs}'])"
+    *others, last = interrupted(code, tmp_path, "How?", 2.0)
+    assert last == SAID
+    assert "Traceback" not in "\n".join(others)
     assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+SWALLOWED = {
+    "not": "time.sleep(60)",
+    "once": """
+try: time.sleep(60)
+except KeyboardInterrupt: time.sleep(60)""",
+    "always": """
+while True:
+    try: time.sleep(60)
+    except KeyboardInterrupt: pass""",
+    "by a finalizer": """
+class Slow:
+    def __del__(self): time.sleep(60)
+Slow()
+time.sleep(60)""",
+    "as another error": """
+try: time.sleep(60)
+except KeyboardInterrupt: raise ImportError('initialization failed')""",
+    "as one of ours": """
+from obsdesign.errors import InputError
+try: time.sleep(60)
+except KeyboardInterrupt: raise InputError('no such thing')""",
+    "and a thread that does not end": """
+import threading
+cli._PATIENCE = 0.5
+threading.Thread(target=time.sleep, args=(60,)).start()
+time.sleep(60)""",
+}
+
+
+def instead_of_check(work: str) -> str:
+    """The command with other work to do, which says that it begins."""
+    lines = "\n".join(f"    {line}" for line in f"print('began', file=sys.stderr)\n{work}".splitlines())
+    return f"import obsdesign.cli as cli\ndef work(options):\n{lines}\ncli._check = work\ncli.main(['check', 'scenario.toml'])"
+
+
+@pytest.mark.parametrize("work", SWALLOWED.values(), ids=SWALLOWED.keys())
+def test_ctrl_c_ends_the_command_whatever_swallows_it(work, tmp_path):
+    assert interrupted(instead_of_check(work), tmp_path, "began", 0.1) == [SAID]
+
+
+TASKS = "with cli._workers(3) as pool:\n    "
+POOLS = {
+    "long tasks": TASKS + "list(pool.map(time.sleep, [60] * 9))",
+    "short tasks": TASKS + "list(pool.map(time.sleep, [0.01] * 20000))",
+    "large answers": TASKS + "list(pool.map(bytes, [10**7] * 2000))",
+    "always swallowed": TASKS + SWALLOWED["always"].replace("\n", "\n    "),
+}
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01, 0.03, 0.1, 0.6])
+@pytest.mark.parametrize("work", POOLS.values(), ids=POOLS.keys())
+def test_ctrl_c_ends_workers_that_start_and_workers_that_work(work, delay, tmp_path):
+    last = interrupted(instead_of_check(work), tmp_path, "began", delay)
+    assert last[0] == SAID
+    assert len(last) == 1 or "resource_tracker" in last[1]  # which clears up after a process that ended by force
+
+
+def test_ctrl_c_during_the_last_work_comes_before_files_are_written(tmp_path):
+    """Swallowed, but not forgotten."""
+    work = "with cli._workers(1):\n    try: time.sleep(60)\n    except KeyboardInterrupt: pass\nprint('files', file=sys.stderr)"
+    assert interrupted(instead_of_check(work), tmp_path, "began", 0.1) == [SAID]
+
+
+def test_a_command_in_the_background_ignores_ctrl_c(tmp_path):
+    code = LISTEN + "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + instead_of_check("time.sleep(1)\nreturn cli.Exit.DONE")
+    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr.readline() == "began\n"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
 
 
 def test_help_names_every_verb_and_exit_code(tmp_path):

@@ -658,7 +658,7 @@ def effort_of(design: od.Design) -> float:
 
 @pytest.fixture(scope="module")
 def brisk() -> od.Design:
-    return od.design_trajectory(problem_with(**BRIEF, **BRISK), starts=4)
+    return od.design_trajectory(problem_with(**BRIEF, **BRISK), starts=3)
 
 
 @pytest.mark.parametrize(
@@ -667,14 +667,14 @@ def brisk() -> od.Design:
 def test_what_has_a_price_is_used_less_and_what_has_a_budget_no_more_than_that(brisk: od.Design, cost: Any, total: Any):
     """V(2) - c C(2) >= V(1) - c C(1) for the best path at a price of c, so that V falls, and C falls by more than that."""
     price = 0.3 * brisk.value / total(brisk)
-    priced = od.design_trajectory(problem_with(**BRIEF, **BRISK, prices=(od.Price(cost, price),)), starts=4)
+    priced = od.design_trajectory(problem_with(**BRIEF, **BRISK, prices=(od.Price(cost, price),)), starts=3)
     assert priced.objective == pytest.approx(priced.value - price * total(priced), rel=1e-6)
     assert priced.objective >= (brisk.value - price * total(brisk)) * (1 - 1e-6)
     assert total(priced) < total(brisk) * (1 - 1e-3)
     assert priced.value <= brisk.value * (1 + 1e-6)
     assert priced.cap is None
     budget = od.Budget(cost, 0.8 * total(brisk))
-    bound = od.design_trajectory(problem_with(**BRIEF, **BRISK, budgets=(budget,)), starts=4)
+    bound = od.design_trajectory(problem_with(**BRIEF, **BRISK, budgets=(budget,)), starts=3)
     assert total(bound) == pytest.approx(0.8 * total(brisk), rel=2e-6)
     assert bound.objective == bound.value <= brisk.value * (1 + 1e-6)
 
@@ -682,7 +682,7 @@ def test_what_has_a_price_is_used_less_and_what_has_a_budget_no_more_than_that(b
 def test_inputs_change_no_faster_than_their_rates(brisk: od.Design):
     """Between the middles of neighbouring pieces, of 1.6 s."""
     rates = {"turn_rate": 0.1, "speed": 0.15}
-    design = od.design_trajectory(problem_with(**BRIEF, **BRISK, rates=rates), starts=4)
+    design = od.design_trajectory(problem_with(**BRIEF, **BRISK, rates=rates), starts=3)
     changes = np.abs(np.diff(design.trajectory.u[::4], axis=0)).max(axis=0) / 1.6
     assert np.all(changes <= np.array([0.15, 0.1]) * (1 + 1e-6))
     assert np.any(changes >= np.array([0.15, 0.1]) * (1 - 1e-4))
@@ -699,11 +699,11 @@ def lowest_window(problem: od.DesignProblem, path: od.Trajectory, seconds: float
 
 
 def test_every_stretch_of_a_path_keeps_its_floor():
-    """Asked for 1.3 times as much as the best path has in its weakest stretch."""
-    problem = problem_with(system=LANDMARK, constraints=(od.StandOff(2.0),), duration=12.0, path=od.PiecewiseConstant(10), scale=SCALE)
-    free = od.design_trajectory(problem, starts=4)
-    asked = 1.3 * lowest_window(problem, free.trajectory, 6.0)
-    design = od.design_trajectory(dataclasses.replace(problem, floor=od.Floor(6.0, asked)), starts=4)
+    """Asked for 1.2 times as much as the best path has in its weakest stretch."""
+    problem = problem_with(system=LANDMARK, constraints=(od.StandOff(2.0),), duration=10.0, path=od.PiecewiseConstant(5), scale=SCALE)
+    free = od.design_trajectory(problem, starts=3)
+    asked = 1.2 * lowest_window(problem, free.trajectory, 6.0)
+    design = od.design_trajectory(dataclasses.replace(problem, floor=od.Floor(6.0, asked)), starts=3)
     assert lowest_window(problem, design.trajectory, 6.0) >= asked * (1 - 1e-6)
     assert design.value == pytest.approx(flown(problem, design.trajectory.u)[1], rel=1e-8)
     assert design.value <= free.value * (1 + 1e-6)
@@ -775,7 +775,7 @@ FAMILIES = {"arcs": od.DubinsPath("LSRS", 0.8), "splines": od.BSpline(7), "uneve
 @pytest.mark.parametrize("path", FAMILIES.values(), ids=FAMILIES.keys())
 def test_designs_of_every_family_are_of_that_family_and_no_neighbour_is_better(path: Any):
     problem = problem_with(**{**COURSE, "constraints": (od.Goal((15.0, -3.0), 1.0), od.StandOff(1.0))}, path=path)
-    design = od.design_trajectory(problem, starts=3)
+    design = od.design_trajectory(problem, starts=2)
     lower, upper = path.box(problem.grid)
     assert np.all((lower <= design.p) & (design.p <= upper))
     np.testing.assert_allclose(inputs_of(problem, design.p), design.trajectory.u, rtol=1e-9, atol=1e-12)
@@ -796,8 +796,8 @@ def test_designs_of_every_family_are_of_that_family_and_no_neighbour_is_better(p
 
 @pytest.fixture(scope="module")
 def fine() -> od.Design:
-    """Every piece one step: coarse paths of 25 and 13 pieces, then 7, come first."""
-    return od.design_trajectory(problem_with(**COURSE, path=od.PiecewiseConstant(50)), starts=5)
+    """Every piece one step: coarser paths come first."""
+    return od.design_trajectory(problem_with(**COURSE, path=od.PiecewiseConstant(50)), starts=4)
 
 
 def test_a_finer_family_that_contains_a_coarser_one_is_no_worse(fine: od.Design, course: od.Design):
@@ -807,8 +807,8 @@ def test_a_finer_family_that_contains_a_coarser_one_is_no_worse(fine: od.Design,
 
 def test_only_the_best_of_the_coarse_paths_are_refined_and_each_says_whether_it_was(fine: od.Design):
     refined = [start for start in fine.starts if start.refined]
-    assert 1 <= len(refined) <= 3 < len(fine.starts) == 5
-    assert max(start.value for start in refined) == fine.value
+    assert 1 <= len(refined) <= 3 < len(fine.starts) == 4
+    assert max(start.value for start in refined) == pytest.approx(fine.value, rel=1e-6)
     assert sum(len(optimum.starts) for optimum in fine.optima) == len([start for start in refined if start.status.has_answer])
 
 

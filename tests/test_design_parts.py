@@ -697,9 +697,10 @@ def test_a_climb_leaves_a_path_that_shows_nothing(problem: od.DesignProblem):
 
 def test_what_falls_short_between_the_nodes_is_asked_for_more():
     """A disc that a straight step would cut: all nodes outside, and all of the path in between as well."""
-    limits = (od.KeepOut((4.5, -0.6), 1.5), od.Goal((9.0, -1.5), 0.5))
-    problem = turning(constraints=limits, step=1.0, path=od.PiecewiseConstant(4), bounds={"turn_rate": (-0.7, 0.7)})
-    u = dict(islice(start_inputs(problem, seed=0), 2))["weave of 2 periods, left first"]
+    limits = (od.KeepOut((3.8, 0.1), 1.0), od.Goal((7.6, 0.0), 0.3))
+    start, bounds = (0.0, 0.0, -0.2, 0.0, 0.0), {"turn_rate": (-0.7, 0.7)}
+    problem = turning(start=start, constraints=limits, step=1.0, path=od.PiecewiseConstant(4), bounds=bounds)
+    _, u = next(start_inputs(problem, seed=0))
 
     def margins(found: Climbed) -> tuple[float, float]:
         fine = fine_margins(problem, found.path).margins
@@ -707,8 +708,8 @@ def test_what_falls_short_between_the_nodes_is_asked_for_more():
 
     unchecked, checked = climbed(Task(problem, "", u, (problem.path,), False)), climbed_from(problem, u)
     assert node_margins(problem, unchecked.path.x, unchecked.u).min() >= -1e-4
-    assert margins(unchecked)[0] < -0.01
+    assert margins(unchecked)[0] < -1e-3
     assert min(margins(checked)) >= -1e-6
     # asked for more, not for much more
-    assert 0 <= checked.objective <= problem.value(unchecked.path) * 1.01
-    assert margins(checked)[0] < 0.02
+    assert 0.99 * problem.value(unchecked.path) <= checked.objective <= 1.01 * problem.value(unchecked.path)
+    assert margins(checked)[0] < 0.01

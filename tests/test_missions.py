@@ -27,7 +27,7 @@ from obsdesign.design.starts import start_inputs
 STEP, FINER = 0.5, 10
 BEACON = (4.0, 6.0)
 SCALE = (5.0, 5.0, 0.5, 0.3, 0.3)
-REFUSED = 8  # missions without an answer that are asked for their reason, which takes seconds
+REFUSED = 3  # missions without an answer that are asked for their reason, which takes seconds
 SHARE = 1e-5  # of a limit's own size by which it may be missed
 Random = np.random.Generator
 
@@ -173,25 +173,25 @@ def anywhere(size: float, random: Random) -> np.ndarray:
 
 
 def mission(seed: int) -> Mission:
-    """A random problem: limits are put round a path that exists; in one of five, another goal is as well."""
+    """A random problem: limits are put round a path that exists; in one of eight, another goal is as well."""
     random = np.random.default_rng(seed)
-    speed, steps = random.uniform(0.8, 1.5), int(random.integers(20, 33))
+    speed, steps = random.uniform(0.8, 1.5), int(random.integers(16, 27))
     sharpest = random.uniform(0.35, 0.8)
     bounds = {"turn_rate": (-sharpest, sharpest * random.uniform(0.8, 1.0))}
     vehicle = od.Dubins(speed, wind="constant")
     if random.random() < 0.3:
         vehicle, bounds = od.Unicycle(wind="constant"), {"speed": (0.5 * speed, 1.2 * speed), **bounds}
-    sensors = (od.GPS(2.0), od.Range(BEACON, 1.0), od.Bearing(BEACON, 0.1)) if random.random() < 0.7 else (od.GPS(1.0),)
+    sensors = (od.GPS(2.0), od.Range(BEACON, 1.0), od.Bearing(BEACON, 0.1)) if random.random() < 0.85 else (od.GPS(1.0),)
     wind = anywhere(random.uniform(0, 0.4), random)
     start = np.array([*random.uniform(-3, 3, 2), random.uniform(-np.pi, np.pi), *wind])
-    pieces = int(random.integers(8, 17))
-    path = od.BSpline(max(5, pieces // 2)) if random.random() < 0.2 else od.PiecewiseConstant(pieces)
+    pieces = int(random.integers(8, 13) if random.random() < 0.85 else random.integers(13, 17))
+    path = od.BSpline(max(5, pieces // 2)) if random.random() < 0.3 else od.PiecewiseConstant(pieces)
     bare = od.DesignProblem(od.System(vehicle, sensors), start, steps * STEP, STEP, path, bounds, scale=SCALE)
     p = smooth_parameters(bare, random)
     u = np.asarray(path.inputs(p, bare.grid), dtype=float).reshape(steps, -1)
     known = flown(start, u[:, 0] if u.shape[1] == 2 else np.full(steps, speed), u[:, -1])
     limits = [LIMITS[i](known, random) for i in random.choice(len(LIMITS), int(random.integers(1, 5)), replace=False)]
-    exists = random.random() < 0.8
+    exists = random.random() < 0.88
     if not exists:
         place = known.place[0] + wind * known.t[-1] + anywhere(speed * (known.t[-1] - 2.0) * random.random(), random)
         limits = [each for each in limits if not isinstance(each, (od.Goal, od.GoalPose, od.GoalRegion))]
@@ -203,7 +203,7 @@ def mission(seed: int) -> Mission:
     if random.random() < 0.2:
         cost = od.PathLength() if random.random() < 0.5 else od.Effort({"turn_rate": 1.0})
         changes["budgets"] = (od.Budget(cost, cost_by_hand(cost, known, u) * random.uniform(1.05, 1.5)),)
-    if random.random() < 0.1:
+    if random.random() < 0.06:
         seconds = STEP * int(random.integers(8, 13))
         least = lowest_window(bare, od.simulate(bare.system, start, u, STEP), seconds)
         changes["floor"] = od.Floor(seconds, max(least, 1e-6) * random.uniform(0.5, 0.9))
@@ -371,7 +371,7 @@ def first_answer(problem: od.DesignProblem, seed: int) -> Climbed | None:
 
 
 def test_two_hundred_missions_are_flown_as_asked_or_refused_with_a_reason():
-    """Most are answered from one of two starts, though one mission in five may have no path at all."""
+    """Most are answered from one of two starts, though one mission in eight may have no path at all."""
     tally: Counter[tuple[str, str]] = Counter()
 
     @settings(max_examples=200, derandomize=True, deadline=None, database=None, phases=(Phase.generate,))
@@ -393,7 +393,7 @@ def test_two_hundred_missions_are_flown_as_asked_or_refused_with_a_reason():
 
 def require_a_reason(problem: od.DesignProblem, seed: int) -> None:
     """A status, no number that looks like an answer, and a limit that is named; or a path after all, which keeps them all."""
-    design = od.design_trajectory(problem, starts=2, seed=seed, throw=False)
+    design = od.design_trajectory(problem, starts=1, seed=seed, throw=False)
     if design.status.has_answer:
         path = flown_with(problem, design.trajectory.u)
         assert max((missed(limit, path) for limit in problem.constraints), default=0.0) <= SHARE

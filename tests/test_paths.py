@@ -256,7 +256,7 @@ def test_a_free_heading_is_the_best_of_all_headings(seed: int):
     random = np.random.default_rng(seed)
     start, point = random_pose(random, 1), random.uniform(-1, 1, 2) * random.choice([1.0, 2.0, 5.0])
     free = shortest_curve(start, point, 1.0)
-    tried = [length(start, (*point, heading)) for heading in np.linspace(0, TURN, 360)]
+    tried = [length(start, (*point, heading)) for heading in np.linspace(0, TURN, 180)]
     assert free.length <= min(tried) + 1e-9
     np.testing.assert_allclose(length(start, (*point, flown(free, start)[2])), free.length, atol=1e-7)
 
@@ -299,7 +299,10 @@ POSE, NAN = (0.0, 0.0, 0.0), float("nan")
         (lambda: shortest_curve(POSE, (1.0, NAN), 1.0), r"end is \(1\.0, nan\): .* of finite numbers"),
         (lambda: shortest_curve(POSE, ("a", "b"), 1.0), r"end is \('a', 'b'\): must be an array of real numbers"),
         (lambda: shortest_through(POSE, [], radius=1.0), "points: must be at least one"),
-        (lambda: shortest_through(POSE, [(1.0, 2.0, 3.0)], (0.0, 0.0), radius=1.0), r"points\[0\] is \(1\.0, 2\.0, 3\.0\): must be two numbers"),
+        (
+            lambda: shortest_through(POSE, [(1.0, 2.0, 3.0)], (0.0, 0.0), radius=1.0),
+            r"points\[0\] is \(1\.0, 2\.0, 3\.0\): must be two numbers",
+        ),
         (lambda: intercept(POSE, (5.0, 0.0), (1.0, 0.0), -1.0, 1.0), r"speed is -1\.0: must be a finite number above 0"),
         (lambda: intercept(POSE, (5.0, 0.0), (1.0,), 1.0, 1.0), r"wind is \(1\.0,\): must be two numbers"),
         (lambda: Curve("S", (1.0,), 1.0).turn_rates(0.0, [0.0, 1.0]), r"speed is 0\.0: must be"),
@@ -368,9 +371,9 @@ def test_of_two_mirrored_best_chains_one_is_taken_whole():
 # ---------------------------------------------------------------- intercepts in wind
 
 
-@some
+@few
 @given(seed=seeds)
-def test_an_intercept_flown_in_wind_arrives_and_nothing_shorter_did_before(seed: int):
+def test_an_intercept_flown_in_wind_arrives_first_of_the_shortest_curves(seed: int):
     random = np.random.default_rng(seed)
     start, size, radius, speed = random_pose(random, 5), random.choice([0.5, 5.0, 50.0]), random.uniform(0.3, 2), random.uniform(0.5, 3)
     goal = (start + random_pose(random, size))[: random.choice([2, 3])]
@@ -387,11 +390,20 @@ def test_an_intercept_flown_in_wind_arrives_and_nothing_shorter_did_before(seed:
         there[:2] -= wind * t
         return length(start, there, radius) - speed * t
 
-    if abs(slower(time)) < 1e-6 * (1 + time):  # the curve is the shortest, not one of those that take its place
-        assert all(slower(t) > -1e-9 * (1 + time) for t in np.linspace(0, time, 40, endpoint=False))
+    # shortest curves that are shorter than speed t at some t before were so from a jump on: none had just that length
+    earlier = np.linspace(0, time, 100, endpoint=False)
+    early = [i for i, t in enumerate(earlier) if slower(t) < -1e-9 * (1 + time)]
+    if early:
+        low, high = earlier[early[0] - 1], earlier[early[0]]
+        for _ in range(60):
+            middle = (low + high) / 2
+            low, high = (low, middle) if slower(middle) < 0 else (middle, high)
+        assert slower(low) - slower(high) > 1e-3
+    else:
+        np.testing.assert_allclose(slower(time), 0, atol=1e-6 * (1 + time))
 
 
-@some
+@few
 @given(seed=seeds)
 def test_in_calm_air_the_intercept_is_the_shortest_curve(seed: int):
     random = np.random.default_rng(seed)
@@ -539,7 +551,7 @@ def test_a_spline_is_fitted_exactly_up_to_as_many_points_as_steps(seed: int):
 def test_an_input_with_one_value_is_fitted_by_it():
     grid = Grid(("turn_rate", "speed"), (-0.4, 5.0), (0.6, 5.0), 9, 0.5)
     for path in (BSpline(4), od.PiecewiseConstant(4)):
-        assert np.all(path.inputs(path.fit(np.ones((9, 2)), grid), grid)[:, 1] == 5.0)
+        assert np.all(path.inputs(path.fit(np.ones((9, 2)), grid), grid)[:, 1].round(12) == 5.0)
 
 
 # ---------------------------------------------------------------- arcs switched at free times
@@ -602,7 +614,7 @@ def test_softplus_and_its_derivatives_are_right_everywhere(z: float):
         derivatives.append(ca.gradient(derivatives[-1], x))
     S, rest = (np.exp(-np.logaddexp(0, -side * z)) for side in (1, -1))
     found = [float(value) for value in ca.Function("f", [x], derivatives)(z)]
-    np.testing.assert_allclose(found, [np.logaddexp(0, z), S, S * rest, S * rest * (rest - S)], rtol=1e-12, atol=1e-300)
+    np.testing.assert_allclose(found, [np.logaddexp(0, z), S, S * rest, S * rest * (rest - S)], rtol=1e-12, atol=1e-16)
     np.testing.assert_allclose(softplus(np.array([z])), np.logaddexp(0, z), rtol=1e-14)
 
 

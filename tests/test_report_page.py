@@ -16,9 +16,17 @@ from obsdesign.constraints.goal import Goal
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.report import facts
 from obsdesign.report.figures.path import path_figure
+from obsdesign.report.flying import errors_table, plans_table
 from obsdesign.report.page import page_of
 from obsdesign.report.rounding import MINUS, NARROW, percent, plain, polished, rounded
-from obsdesign.report.tables import Table, checks_table, paths_table, schedules_table, starts_table, subsets_table
+from obsdesign.report.tables import (
+    Table,
+    checks_table,
+    paths_table,
+    schedules_table,
+    starts_table,
+    subsets_table,
+)
 from obsdesign.report.wording import reasons
 from obsdesign.scenario.loading import load_scenario
 from obsdesign.study.record import Study
@@ -42,7 +50,48 @@ criterion = "trace_inverse"
 starts = 1
 path = {kind = "piecewise_constant", pieces = 6}
 bounds = {turn_rate = [-0.5, 0.5], speed = [0.2, 1.0]}
+constraints = [{kind = "goal", point = [6.0, 2.0], tolerance = 1.5}]
+[flight]
+every = 2.0
+duration = 12.0
+horizon = "shrinking"
 """
+ROBOT = """
+title = "Robot among three beacons"
+question = "Where am I?"
+vehicle = {kind = "omnidirectional"}
+sensors = [
+  {kind = "bearing", name = "west", beacon = [-20.0, 0.0], sigma = 0.02},
+  {kind = "bearing", name = "north", beacon = [-12.0, 16.0], sigma = 0.02},
+  {kind = "bearing", name = "south", beacon = [-12.0, -16.0], sigma = 0.02},
+]
+start = {x = 0.0, y = -20.0, heading = 0.0}
+prior = {x = 1.0, y = 1.0, heading = 0.1}
+process_noise = {x = 0.01, y = 0.01, heading = 0.001}
+time = {duration = 14.0, step = 1.0, segment = 4.0}
+selection = {per_segment = 2}
+validation = {runs = 20}
+[[manoeuvres]]
+name = "free"
+[[baselines]]
+name = "along the circle"
+inputs = {forward = 0.5, turn_rate = 0.025}
+[design]
+criterion = "min_eigenvalue"
+about = ["x", "y"]
+starts = 1
+shortest = 10.0
+path = {kind = "piecewise_constant", pieces = 2}
+bounds = {forward = [0.2, 0.6], sideways = [-0.2, 0.2], turn_rate = [-0.1, 0.1]}
+constraints = [
+  {kind = "circle_clearance", clearance = 0.5, time_scale = 20.0},
+  {kind = "keep_in", corners = [[-25.0, -30.0], [25.0, -30.0], [25.0, 30.0], [-25.0, 30.0]]},
+  {kind = "max_range", distance = 60.0},
+]
+prices = [{kind = "path_length", per_unit = 0.001}]
+robust = {samples = 3}
+"""
+SVGS = {"aerosonde": 8, "rover": 10, "robot": 9}
 
 
 class Document(HTMLParser):
@@ -86,7 +135,7 @@ def aerosonde() -> Study:
 
 @pytest.fixture(scope="module")
 def rover(tmp_path_factory) -> Study:
-    """Two inputs, no wind, no landmark, no goal, no other suite, no weave, another criterion, two sensors at a time."""
+    """Two inputs, no wind, no landmark, no other suite, no weave, another criterion, two sensors at a time, a flight."""
     file = tmp_path_factory.mktemp("rover") / "rover.toml"
     file.write_text(ROVER)
     study = run(load_scenario(file))
@@ -94,23 +143,40 @@ def rover(tmp_path_factory) -> Study:
 
 
 @pytest.fixture(scope="module")
-def pages(aerosonde, rover) -> dict[str, str]:
-    return {"aerosonde": page_of(aerosonde), "rover": page_of(rover)}
+def robot(tmp_path_factory) -> Study:
+    """Three inputs, no wind, bearings alone, no goal, a baseline, a duration to choose, prices, draws of the prior, two states judged."""
+    file = tmp_path_factory.mktemp("robot") / "robot.toml"
+    file.write_text(ROBOT)
+    return run(load_scenario(file))
 
 
-@pytest.fixture(params=["aerosonde", "rover"])
+@pytest.fixture(scope="module")
+def pages(aerosonde, rover, robot) -> dict[str, str]:
+    return {"aerosonde": page_of(aerosonde), "rover": page_of(rover), "robot": page_of(robot)}
+
+
+@pytest.fixture(params=list(SVGS))
 def page(pages, request) -> str:
     return pages[request.param]
 
 
-@pytest.fixture(params=["aerosonde", "rover"])
+@pytest.fixture(params=list(SVGS))
 def study(request) -> Study:
     return request.getfixturevalue(request.param)
 
 
 def all_tables(study: Study) -> list[Table]:
     starts = [starts_table(study, i) for i in range(len(study.suites))]
-    return [subsets_table(study), paths_table(study), *starts, schedules_table(study), checks_table(study)]
+    flown = [] if study.flight is None else [errors_table(study, study.flight), plans_table(study, study.flight)]
+    return [
+        subsets_table(study),
+        paths_table(study),
+        contributions_table(study),
+        *starts,
+        schedules_table(study),
+        checks_table(study),
+        *flown,
+    ]
 
 
 def test_page_is_well_formed_and_small(page):
@@ -139,10 +205,12 @@ def test_ids_are_unique_and_every_reference_has_its_target(page):
     assert set(targets) <= set(ids)
 
 
-def test_every_figure_is_a_scalable_drawing_with_a_caption(page):
-    assert len(re.findall(r'<figure class="picture">\s*<svg viewBox="[^"]+" role="img" aria-label="[^"]+">', page)) == 8
-    assert Document(page).count("svg") == 8
-    assert len(re.findall(r"</svg>\s*<figcaption>[^<]{20,}", page)) == 8
+@pytest.mark.parametrize("name", SVGS)
+def test_every_figure_is_a_scalable_drawing_with_a_caption(pages, name):
+    page, count = pages[name], SVGS[name]
+    assert len(re.findall(r'<figure class="picture">\s*<svg viewBox="[^"]+" role="img" aria-label="[^"]+">', page)) == count
+    assert Document(page).count("svg") == count
+    assert len(re.findall(r"</svg>\s*<figcaption>[^<]{20,}", page)) == count
 
 
 def test_every_table_says_what_is_good(page):
@@ -150,6 +218,13 @@ def test_every_table_says_what_is_good(page):
         r'<figure class="table[^"]*">\s*<figcaption[^>]*><b>.+?</b> (Good\b.{10,}?)</figcaption>\s*<div[^>]*>\s*<table', page
     )
     assert len(captions) == Document(page).count("table") > 0
+
+
+@pytest.mark.parametrize("name", ["rover", "robot"])
+def test_a_page_speaks_of_nothing_that_its_study_does_not_have(pages, name):
+    words = re.sub(r"<(style|svg)\b.*?</\1>|<[^>]+>", " ", pages[name], flags=re.DOTALL).lower()
+    missing = {"rover": ["wind", "range", "beacon", "circle"], "robot": ["wind", "gps", "goal", "magnetometer"]}[name]
+    assert [word for word in [*missing, "gust", "aircraft", "dubins", "airspeed", "pilot"] if re.search(rf"\b{word}s?\b", words)] == []
 
 
 def test_every_number_in_a_table_has_its_unit(study):
@@ -161,9 +236,12 @@ def test_every_number_in_a_table_has_its_unit(study):
                     assert re.search(r" \[[^\]]+\]$", head), (table.title, head)
 
 
-def test_the_four_questions_come_in_order_each_with_an_answer(page):
+@pytest.mark.parametrize("name", SVGS)
+def test_the_questions_come_in_order_each_with_an_answer(pages, name):
+    page = pages[name]
     found = re.findall(r"<h2>(\d [^<]+)</h2>\s*<p class=\"says\">(.+?)</p>", page)
-    assert [question for question, _ in found] == ["1 Can it?", "2 How?", "3 Which?", "4 Does it hold?"]
+    asked = ["1 Can it?", "2 How?", "3 Which?", "4 Does it hold?", "5 In flight?"]
+    assert [question for question, _ in found] == asked[: 5 if name == "rover" else 4]
     assert all(answer.endswith(".") and any(letter.isdigit() for letter in answer) for _, answer in found)
     assert len(re.findall(r'<p class="answer">', page)) == 1
 

@@ -2,16 +2,37 @@
 
 from __future__ import annotations
 
+import json
 import math
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import jsonschema
+import numpy as np
 import pytest
 
 import obsdesign as od
+from obsdesign.study.problem import problem_of
 
+SCENARIOS = sorted((Path(__file__).parent.parent / "scenarios").glob("*.toml"))
 AEROSONDE = Path(__file__).parent.parent / "scenarios" / "aerosonde_wind.toml"
+
+
+def design(lines: str) -> tuple[str, str]:
+    """Keys of [design] to add."""
+    return ("starts = 8", f"starts = 8\n{lines}")
+
+
+def table(lines: str) -> tuple[str, str]:
+    """A table to add, before that of the selection."""
+    return ("[selection]", f"{lines}\n[selection]")
+
+
+PRICE = "[[design.prices]]\n{}\n"
+VIA = '[[design.constraints]]\nkind = "via"\npoint = [400.0, 300.0]\ntolerance = 50.0\nfirst = {}\n'
+FLIGHT = '[flight]\nevery = {}\nduration = {}\nhorizon = "{}"\n'
 
 # what is replaced in the file, by what, and what the message must say
 BAD_INPUT = {
@@ -57,11 +78,88 @@ BAD_INPUT = {
     "duration no multiple of the segment": ("duration = 120.0", "duration = 122.0", ["time.duration", "122 s", "5 s"]),
     "sensor period no multiple of the step": ("rate = 1.0 ", "rate = 3.0 ", ["sensors[0].rate", "3 Hz", "0.333333 s", "1 s"]),
     "too many per segment": ("per_segment = 1", "per_segment = 5", ["selection.per_segment", "is 5", "4"]),
-    "pieces that do not fit": ("pieces = 24", "pieces = 7", ["design.path", "7", "120"]),
+    "pieces that do not fit": ("pieces = 24", "pieces = 121", ["design.path", "121", "120"]),
     "bounds upside down": ("[-0.25, 0.25]", "[0.25, -0.25]", ["design.bounds.turn_rate", "below"]),
     "prior of zero": ("heading = 0.1 ", "heading = 0.0 ", ["prior.heading", "0.0", "above 0"]),
     "negative noise": ("heading = 0.01", "heading = -0.01", ["process_noise.heading", "-0.01", "negative"]),
     "a key of the program": ("seed = 1", 'seed = 1\ndigest = "x"', ["digest", "unknown key"]),
+    "unknown input in rates": (*table("[design.rates]\nturn_rte = 0.1"), ["design.rates.turn_rte", "did you mean 'turn_rate'"]),
+    "rate of zero": (*table("[design.rates]\nturn_rate = 0.0"), ["design.rates.turn_rate", "0.0", "greater than 0"]),
+    "about an unknown state": (*design('about = ["wind_z"]'), ["design.about", "'wind_z'", "x, y, heading, wind_x, wind_y"]),
+    "about a state twice": (*design('about = ["x", "y", "x"]'), ["design.about", "names 'x' twice"]),
+    "unknown cost": (
+        *table(PRICE.format('kind = "path_lenght"\nper_unit = 1.0')),
+        ["design.prices[0].kind", "effort, flight_time, path_length", "did you mean 'path_length'"],
+    ),
+    "cost without kind": (*table(PRICE.format("per_unit = 1.0")), ["design.prices[0].kind: missing key"]),
+    "price of nothing": (*table(PRICE.format('kind = "path_length"')), ["design.prices[0].per_unit: missing key"]),
+    "price below zero": (*table(PRICE.format('kind = "path_length"\nper_unit = -1.0')), ["design.prices[0].per_unit", "-1.0", "greater"]),
+    "budget in a price": (
+        *table(PRICE.format('kind = "path_length"\nper_unit = 1.0\nat_most = 2.0')),
+        ["design.prices[0].at_most: unknown key", "accepted: kind, per_unit"],
+    ),
+    "effort without weights": (*table(PRICE.format('kind = "effort"\nper_unit = 1.0')), ["design.prices[0].weights: missing key"]),
+    "effort of an unknown input": (
+        *table(PRICE.format('kind = "effort"\nper_unit = 1.0\nweights = { turn_rte = 1.0 }')),
+        ["design.prices[0].weights.turn_rte: unknown key", "did you mean 'turn_rate'"],
+    ),
+    "effort of weight zero": (
+        *table(PRICE.format('kind = "effort"\nper_unit = 1.0\nweights = { turn_rate = 0.0 }')),
+        ["design.prices[0]", "weight of turn_rate", "0.0", "above 0"],
+    ),
+    "effort per degree": (
+        *table(PRICE.format('kind = "effort"\nper_unit = 1.0\nweights = { turn_rate_deg = 1.0 }')),
+        ["design.prices[0].weights.turn_rate_deg", "no angle"],
+    ),
+    "budget too small for any path": (
+        *table('[[design.budgets]]\nkind = "flight_time"\nat_most = 60.0'),
+        ["design.budgets[0].at_most", "60 s", "120 s"],
+    ),
+    "floor longer than the path": (*table("[design.floor]\nseconds = 200.0\nvalue = 1.0"), ["design.floor.seconds", "200 s", "120 s"]),
+    "floor no multiple of the step": (*table("[design.floor]\nseconds = 7.5\nvalue = 1.0"), ["design.floor.seconds", "7.5 s", "1 s"]),
+    "floor without value": (*table("[design.floor]\nseconds = 20.0"), ["design.floor.value: missing key"]),
+    "floor of a posterior": (
+        'criterion = "min_eigenvalue"',
+        'criterion = "posterior"\nfloor = { seconds = 20.0, value = 1.0 }',
+        ["design.floor", "posterior"],
+    ),
+    "robust posterior": (
+        'criterion = "min_eigenvalue"',
+        'criterion = "posterior"\nrobust = { samples = 4 }',
+        ["design.robust", "posterior"],
+    ),
+    "robust without samples": (*table("[design.robust]\nsamples = 0"), ["design.robust.samples", "0", "greater than or equal to 1"]),
+    "unknown key of robust": (*table("[design.robust]\nsample = 3"), ["design.robust.sample: unknown key", "did you mean 'samples'"]),
+    "worst as a word": (*table('[design.robust]\nworst = "yes"'), ["design.robust.worst", "'yes'", "boolean"]),
+    "evidence of less than nothing": (*design("evidence = -1"), ["design.evidence", "-1", "greater than or equal to 0"]),
+    "evidence for another criterion": ('criterion = "min_eigenvalue"', 'criterion = "log_det"\nevidence = 2', ["design.evidence", "is 2"]),
+    "evidence of a robust design": (*design("evidence = 2\nrobust = {}"), ["design.evidence", "is 2", "robust"]),
+    "shortest above the longest": (*design("shortest = 130.0"), ["design.shortest", "130 s", "120 s"]),
+    "shortest no multiple of the step": (*design("shortest = 60.5"), ["design.shortest", "60.5 s", "1 s"]),
+    "pieces that do not fit the shortest": (*design("shortest = 20.0"), ["design.path", "24", "20"]),
+    "a time beyond the path": (*table(VIA.format(130.0)), ["design.constraints[2].first", "130 s", "120 s"]),
+    "baseline of an unknown input": (
+        *table('[[baselines]]\nname = "idle"\ninputs = { speed = 1.0 }'),
+        ["baselines[0].inputs.speed: unknown key", "turn_rate"],
+    ),
+    "baseline without inputs": (*table('[[baselines]]\nname = "idle"'), ["baselines[0].inputs: missing key"]),
+    "baseline twice": (
+        *table('[[baselines]]\nname = "a"\ninputs = {}\n[[baselines]]\nname = "a"\ninputs = {}'),
+        ["baselines[1].name", "'a'", "another baseline"],
+    ),
+    "baseline of a taken name": (*table('[[baselines]]\nname = "weave"\ninputs = {}'), ["baselines[0].name", "'weave'"]),
+    "unknown naive sensor": ('naive = "gps"', 'naive = ["gsp"]', ["selection.naive", "'gsp'", "did you mean 'gps'"]),
+    "too many naive sensors": ('naive = "gps"', 'naive = ["gps", "range"]', ["selection.naive", "gps, range", "1"]),
+    "plans between the steps": (*table(FLIGHT.format(2.5, 40.0, "receding")), ["flight.every", "2.5 s", "1 s"]),
+    "flight between the steps": (*table(FLIGHT.format(5.0, 40.5, "receding")), ["flight.duration", "40.5 s", "1 s"]),
+    "plans after the flight": (*table(FLIGHT.format(50.0, 40.0, "receding")), ["flight.every", "50 s", "40 s"]),
+    "plans after the plan": (*table(FLIGHT.format(125.0, 300.0, "receding")), ["flight.every", "125 s", "120 s"]),
+    "flight beyond a shrinking horizon": (*table(FLIGHT.format(5.0, 125.0, "shrinking")), ["flight.duration", "125 s", "120 s"]),
+    "unknown horizon": (*table(FLIGHT.format(5.0, 40.0, "growing")), ["flight.horizon", "'growing'", "'receding' or 'shrinking'"]),
+    "speed in degrees": ("speed = 20.0", "speed_deg = 20.0", ["vehicle.speed_deg", "no angle"]),
+    "position in degrees": ("x = 0.0", "x_deg = 0.0", ["start.x_deg", "no angle"]),
+    "metres in degrees": ("sigma = 2.0", "sigma_deg = 2.0", ["sensors[0].sigma_deg", "no angle"]),
+    "time in degrees": ("duration = 120.0", "duration_deg = 120.0", ["time.duration_deg", "no angle"]),
     "syntax error": ("[vehicle]", "[vehicle", ["not valid TOML", "line 10", "column 9"]),
 }
 
@@ -77,6 +175,38 @@ def test_bad_input_is_one_message_that_names_key_value_and_remedy(case, tmp_path
         od.load_scenario(file)
     for part in (str(file), *expected):
         assert part in str(refused.value)
+
+
+BAD_PAIRS = {
+    "a time beyond the shortest path": (
+        [design("shortest = 60.0"), table(VIA.format(90.0))],
+        ["design.constraints[2].first", "90 s", "60 s"],
+    ),
+    "a flight of no duration": ([design("shortest = 60.0"), table(FLIGHT.format(5.0, 40.0, "receding"))], ["design.shortest", "[flight]"]),
+    "a floor longer than the shortest path": (
+        [design("shortest = 60.0"), table("[design.floor]\nseconds = 90.0\nvalue = 1.0")],
+        ["design.floor.seconds", "90 s", "60 s"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PAIRS)
+def test_values_that_contradict_each_other_are_refused(case, tmp_path):
+    changes, expected = BAD_PAIRS[case]
+    file = tmp_path / "scenario.toml"
+    file.write_text(changed(*changes))
+    with pytest.raises(od.ScenarioError) as refused:
+        od.load_scenario(file)
+    for part in (str(file), *expected):
+        assert part in str(refused.value)
+
+
+def changed(*changes: tuple[str, str]) -> str:
+    text = AEROSONDE.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return text
 
 
 def test_several_mistakes_are_told_at_once(tmp_path):
@@ -112,8 +242,84 @@ def test_a_scenario_is_what_its_file_says():
     assert scenario.design.constraints == (od.Goal((1400.0, 800.0), 100.0), od.StandOff(100.0))
 
 
+def test_what_is_asked_of_a_path_is_what_the_file_says(tmp_path):
+    keys = 'shortest = 60.0\nabout = ["wind_x", "wind_y"]\nfloor = { seconds = 20.0, value = 3.0 }\n'
+    keys += "robust = { samples = 4, worst = false, seed = 7 }"
+    terms = """
+[design.rates]
+turn_rate_deg = 10.0
+[[design.prices]]
+kind = "effort"
+weights = { turn_rate = 2.0 }
+per_unit = 3.0
+[[design.budgets]]
+kind = "path_length"
+at_most = 2500.0
+[[baselines]]
+name = "circle"
+inputs = { turn_rate_deg = 6.0 }
+"""
+    file = tmp_path / "scenario.toml"
+    file.write_text(changed(design(keys), table(terms)))
+    scenario = od.load_scenario(file)
+    problem = problem_of(scenario, ("gps", "range"))
+    assert (problem.shortest, problem.longest) == (60.0, 120.0)
+    assert problem.about == ("wind_x", "wind_y")
+    assert problem.rates == {"turn_rate": pytest.approx(math.radians(10))}
+    assert problem.prices == (od.Price(od.Effort({"turn_rate": 2.0}), 3.0),)
+    assert problem.budgets == (od.Budget(od.PathLength(), 2500.0),)
+    assert problem.floor == od.Floor(20.0, 3.0)
+    assert (problem.robust.samples, problem.robust.worst, problem.robust.seed) == (4, False, 7)
+    np.testing.assert_allclose(problem.robust.prior.mean, problem.x0)
+    np.testing.assert_allclose(np.sqrt(np.diag(problem.robust.prior.covariance)), [50, 50, 0.1, 5, 5])
+    assert problem.system.sensor_names == ("gps", "range")
+    assert scenario.baselines[0].inputs == {"turn_rate": pytest.approx(math.radians(6))}
+
+
+def test_without_the_new_keys_nothing_is_asked():
+    problem = problem_of(od.load_scenario(AEROSONDE), ("gps",))
+    assert (problem.duration, problem.rates, problem.about, problem.prices, problem.budgets) == (120.0, {}, (), (), ())
+    assert (problem.floor, problem.robust) == (None, None)
+
+
+@pytest.mark.parametrize(("written", "sensors"), [('"range"', ("range",)), ('["range"]', ("range",)), ("[]", ("gps",))])
+def test_the_naive_sensor_may_be_a_name_or_a_list(written, sensors, tmp_path):
+    file = tmp_path / "scenario.toml"
+    file.write_text(changed(('naive = "gps"', f"naive = {written}")))
+    assert od.load_scenario(file).naive_sensors == sensors
+
+
+@pytest.mark.parametrize("file", SCENARIOS, ids=lambda file: file.stem)
+def test_every_scenario_is_fine_satisfies_the_published_schema_and_cites_its_truths(file):
+    scenario = od.load_scenario(file)
+    assert scenario.expected
+    assert all(len(each.source) > 5 for each in scenario.expected)
+    jsonschema.Draft202012Validator(od.Scenario.model_json_schema()).validate(tomllib.loads(file.read_text()))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("sigma = 2.0", ""),
+        ('kind = "gps"', 'kind = "gsp"'),
+        ("speed = 20.0", 'speed = "fast"'),
+        ("tolerance = 100.0", "tolerance = 100.0\nheading = 3"),
+        table(PRICE.format('kind = "path_length"')),
+        table(PRICE.format('kind = "effort"\nper_unit = 1.0\nweights = 3.0')),
+    ],
+)
+def test_the_published_schema_refuses_what_the_program_refuses(change, tmp_path):
+    data = tomllib.loads(changed(change))
+    schema = json.loads(json.dumps(od.Scenario.model_json_schema()))
+    assert not jsonschema.Draft202012Validator(schema).is_valid(data)
+    (tmp_path / "scenario.toml").write_text(changed(change))
+    with pytest.raises(od.ScenarioError):
+        od.load_scenario(tmp_path / "scenario.toml")
+
+
 def test_loading_a_scenario_loads_no_heavy_library():
-    heavy = "{'casadi', 'cvxpy', 'scipy', 'matplotlib', 'numpy', 'flint'}"
+    # numpy is loaded by the path family, whose box says whether it suits the grid
+    heavy = "{'casadi', 'cvxpy', 'scipy', 'matplotlib', 'flint'}"
     code = f"import sys, obsdesign as od; od.load_scenario({str(AEROSONDE)!r}); sys.exit(', '.join({heavy} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

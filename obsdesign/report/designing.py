@@ -32,9 +32,9 @@ def _optima(design: Design) -> str:
     more = len(design.optima) - _MANY
     found += [f"{more} more"] if more > 0 else []
     few = "one optimum" if len(design.optima) == 1 else f"{len(design.optima)} distinct optima"
-    some = len(refined) < len(design.starts)
-    who = f"of {_starts(len(design.starts))} the best {len(refined)} in a coarser family" if some else _starts(len(refined))
-    return f"{who} climbed to {few}, {joined(found)}."
+    all_of = len(refined) == len(design.starts)
+    who = _starts(len(refined)) if all_of else f"{len(refined)} of {_starts(len(design.starts))}, the best in a coarser family,"
+    return f"{who} climbed to {few}: {joined(found)}."
 
 
 def _starts(count: int) -> str:

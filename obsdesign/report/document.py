@@ -198,6 +198,7 @@ class FlownPart(_Part):
     final_error: dict[str, float] = Field(description="|estimate - truth| at the end")
     final_std: dict[str, float]
     shortfalls: list[ShortfallPart] = Field(description="limits that the true states broke, worst first")
+    margin: Number = Field(description="least margin of the limits along the true states, 1 = a tolerance or radius; null: no limits")
 
 
 class FlightPart(_Part):
@@ -207,6 +208,7 @@ class FlightPart(_Part):
     flown: FlownPart
     middle: FlownPart | None
     plans: list[PlanPart]
+    feasible_plans: int
 
 
 class Result(_Part):

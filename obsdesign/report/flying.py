@@ -18,24 +18,34 @@ from obsdesign.report.tables import Cell, Table
 from obsdesign.scenario.schema import FlightTable
 from obsdesign.study.record import Study
 
+_FAR = 1.0  # margin by which a limit is broken that is not met at all: a whole tolerance or radius
 _BETTER = 0.8  # share of the other flight's standard deviation that counts as better
 
 
 def broken(study: Study, flight: Flight) -> tuple[Shortfall, ...]:
     """Return the limits that the true states broke at the nodes of a flight, worst first; those of its end only where it is the plans'."""
+    return tuple(sorted((each for each in _lowest(study, flight) if each.margin < 0), key=lambda each: each.margin))
+
+
+def least_margin(study: Study, flight: Flight) -> float:
+    """Return the least margin of these limits, of order 1; inf without any."""
+    return min((each.margin for each in _lowest(study, flight)), default=np.inf)
+
+
+def _lowest(study: Study, flight: Flight) -> list[Shortfall]:
+    """Where each limit that counts is nearest to being broken."""
     limits = tuple(each for each in study.scenario.design.constraints if _counts(study, each))
     if not limits:
-        return ()
+        return []
     functions = nodes_of(study.designs[0].problem.system.model, limits, ())
     values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
     found = []
     for i, limit in enumerate(limits):
         lowest = values[:, owner == i].min(axis=1)
         k = len(lowest) - 1 if limit.span == AT_END else int(lowest.argmin())
-        if lowest[k] < 0:
-            size, unit = limit.size
-            found.append(Shortfall(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
-    return tuple(sorted(found, key=lambda each: each.margin))
+        size, unit = limit.size
+        found.append(Shortfall(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
+    return found
 
 
 def _counts(study: Study, limit: AbstractConstraint) -> bool:
@@ -59,8 +69,8 @@ def in_flight(study: Study, flight: Flight, asked: FlightTable) -> str:
     """Answer "In flight?": limits, and how well the states are known at the end against inputs in the middle of their ranges."""
     short, count = broken(study, flight), len(flight.statuses)
     goal = any(each.span == AT_END for each in study.scenario.design.constraints) and ends_with_the_plans(study)
-    arrived = goal and not any(each.time == flight.t[-1] for each in short)
-    yes = "No" if goal and not arrived else "Not quite" if short else "Yes"
+    far = any(each.margin < -_FAR for each in short)
+    yes = "No" if far else "Not quite" if short else "Yes"
     limits = f"the true path {shortfalls_in_words(short)}" if short else f"the true path {'arrives and ' if goal else ''}keeps every limit"
     kept = sum(flight.feasible)
     every = f"with a new plan every {plain(asked.every)}{NARROW}s, {count} in all, {limits}"
@@ -120,7 +130,7 @@ def plans_table(study: Study, flight: Flight) -> Table:
     """How the plans ended."""
     counts = Counter((status.value, age == 0) for status, age in zip(flight.statuses, flight.ages, strict=True))
     rows = tuple(
-        (Cell(status), Cell("flown" if fresh else "kept the plan before"), Cell(plain(count)))
+        (Cell(status), Cell("the new plan" if fresh else "the plan before"), Cell(plain(count)))
         for (status, fresh), count in sorted(counts.items(), key=lambda each: -each[1])
     )
     kept = sum(flight.feasible)

@@ -95,7 +95,14 @@ def _headline(study: Study) -> tuple[KeyNumber, ...]:
         KeyNumber("how", rounded(value), f"{wording.criterion_name(study)} of the designed path"),
         KeyNumber("which", percent(schedule.gap), "gap between schedule and bound"),
         KeyNumber("holds", percent(check.in_band), "of the instants with NEES in its band"),
+        *_headline_of_flight(study),
     )
+
+
+def _headline_of_flight(study: Study) -> tuple[KeyNumber, ...]:
+    if study.flight is None:
+        return ()
+    return (KeyNumber("flight", f"{sum(study.flight.feasible)} of {len(study.flight.feasible)}", "plans in flight keep every limit"),)
 
 
 def _can(study: Study) -> Part:
@@ -107,9 +114,9 @@ def _how(study: Study) -> Part:
     drawings = (
         (path_figure, captions.on_the_map),
         (spectrum_figure, captions.on_the_spectrum),
+        (clearance_figure, captions.on_the_clearance),
         (eigenvectors_figure, captions.on_the_eigenvectors),
         (inputs_figure, captions.on_the_inputs),
-        (clearance_figure, captions.on_the_clearance),
     )
     shown = tuple(Picture(svg, caption(study)) for drawing, caption in drawings if (svg := drawing(study)))
     starts = tuple(tables.starts_table(study, i) for i in range(len(study.suites)))

@@ -37,7 +37,7 @@ from obsdesign.report.document import (
     VerdictPart,
 )
 from obsdesign.report.expectations import Expectation, expectations
-from obsdesign.report.flying import broken, final_errors
+from obsdesign.report.flying import broken, final_errors, least_margin
 from obsdesign.study.record import Analysis, Candidate, Quality, Selection, Study
 from obsdesign.validation import Validation
 
@@ -198,6 +198,7 @@ def _flight(study: Study, flight: Flight) -> FlightPart:
         flown=_flown(study, flight),
         middle=None if flight.straight is None else _flown(study, flight.straight),
         plans=[PlanPart(status=status.name, feasible=feasible, age=age, value=value) for status, feasible, age, value in plans],
+        feasible_plans=sum(flight.feasible),
     )
 
 
@@ -212,6 +213,7 @@ def _flown(study: Study, flight: Flight) -> FlownPart:
         final_error=dict(zip(states, final_errors(study, flight).tolist(), strict=True)),
         final_std=dict(zip(states, flight.std[-1].tolist(), strict=True)),
         shortfalls=_shortfalls(broken(study, flight)),
+        margin=least_margin(study, flight),
     )
 
 

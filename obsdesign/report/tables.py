@@ -83,7 +83,7 @@ def paths_table(study: Study) -> Table:
     """Value, smallest eigenvalues, Cramér-Rao bounds, feasibility and cap of every path for every suite."""
     name = criterion_name(study)
     values = (f"{name} [–]", *(() if name == "λmin" else ("λmin [–]",)), "second [–]")
-    cap = ("below its cap [%]",) if facts.judged_by_eigenvalue(study) else ()
+    cap, sensors = ("below its cap [%]",) if _has_cap(study) else (), ("sensors",) if len(study.suites) > 1 else ()
     states = tuple(label(signal) for signal in facts.states_of(study))
     durations = ("duration [s]",) if _durations_differ(study) else ()
     rows = tuple(_path_row(study, candidate, quality) for candidate in study.candidates for quality in candidate.qualities)
@@ -92,7 +92,7 @@ def paths_table(study: Study) -> Table:
         f"Good: large {name}, small standard deviations. Eigenvalues are of S W S, S the prior's standard deviations: λmin has no unit. "
         "Standard deviations are the Cramér-Rao bound on the start state from all measurements, without prior and process noise; "
         "hidden: no bound at all.",
-        ("path", "sensors", *durations, *values, *states, "meets the limits", *cap),
+        ("path", *sensors, *durations, *values, *states, "meets the limits", *cap),
         rows,
     )
 
@@ -211,14 +211,18 @@ def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cel
     limits = Cell(f"no: {shortfalls_in_words(broken)}", "bad") if broken else Cell("yes", "good")
     return (
         Cell(candidate.name),
-        Cell(facts.sensors_in_words(study, quality.sensors)),
+        *((Cell(facts.sensors_in_words(study, quality.sensors)),) if len(study.suites) > 1 else ()),
         *((Cell(plain(candidate.duration)),) if _durations_differ(study) else ()),
         Cell(rounded(facts.value_of(study, quality)), "bad" if facts.value_of(study, quality) in (0.0, float("-inf")) else ""),
         *(Cell(rounded(value)) for value in shown),
         *(_deviation(value, signal) for value, signal in zip(quality.std, facts.states_of(study), strict=True)),
         limits,
-        *([_cap_cell(study, candidate, quality)] if facts.judged_by_eigenvalue(study) else []),
+        *([_cap_cell(study, candidate, quality)] if _has_cap(study) else []),
     )
+
+
+def _has_cap(study: Study) -> bool:
+    return any(design.cap is not None for design in study.designs)
 
 
 def _durations_differ(study: Study) -> bool:

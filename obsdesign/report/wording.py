@@ -11,6 +11,7 @@ from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, 
 from obsdesign.scenario.schema import STRAIGHT, WEAVE
 from obsdesign.study.record import Check, Study
 
+_FEW = 2  # manoeuvres that are told one by one
 _CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
 
@@ -57,26 +58,38 @@ def _schedule_in_words(study: Study) -> str:
 
 def seen(study: Study) -> str:
     """Answer "Can it?": who sees everything, in which manoeuvre, and what the reported suites miss."""
-    n = len(study.scenario.state_names)
-    parts = []
-    for manoeuvre in dict.fromkeys(each.manoeuvre for each in study.analyses):
-        verdicts = [each.verdict for each in study.analyses if each.manoeuvre == manoeuvre]
-        parts.append(f"{sum(verdict.observable for verdict in verdicts)} of {len(verdicts)} ({manoeuvre})")
-    blind = [(suite, facts.incomplete(study, suite)) for suite in study.suites]
+    n, manoeuvres = len(study.scenario.state_names), dict.fromkeys(each.manoeuvre for each in study.analyses)
     missing = [
         f"{_misses(study, suite)} {'' if each.verdict.decided else 'up to '}{n - each.verdict.dimension} of {n} "
         f"dimensions, within {joined(each.verdict.unobservable_states)} ({each.manoeuvre})"
-        for suite, rest in blind
-        for each in rest
+        for suite in study.suites
+        for each in facts.incomplete(study, suite)
     ]
-    yes = "No" if len(facts.incomplete(study, study.suites[0])) == len(parts) else "Yes"
-    tail = f"; {joined(missing)}" if missing else ""
-    return f"{yes}: of the combinations of sensors, {joined(parts)} see all {n} states{tail}."
+    who = _who_sees(study, tuple(manoeuvres)) if len(manoeuvres) <= _FEW else _where_seen(study, tuple(manoeuvres))
+    yes = "No" if len(facts.incomplete(study, study.suites[0])) == len(manoeuvres) else "Yes"
+    return f"{yes}: {who}{f'; {joined(missing)}' if missing else ''}."
+
+
+def _who_sees(study: Study, manoeuvres: tuple[str, ...]) -> str:
+    """How many combinations of sensors see everything in each manoeuvre."""
+    parts = []
+    for manoeuvre in manoeuvres:
+        verdicts = [each.verdict for each in study.analyses if each.manoeuvre == manoeuvre]
+        parts.append(f"{sum(verdict.observable for verdict in verdicts)} of {len(verdicts)} ({manoeuvre})")
+    return f"of the combinations of sensors, {joined(parts)} see all {len(study.scenario.state_names)} states"
+
+
+def _where_seen(study: Study, manoeuvres: tuple[str, ...]) -> str:
+    """In which manoeuvres all sensors together see everything."""
+    blind = {each.manoeuvre for each in facts.incomplete(study, study.suites[0])}
+    good = [name for name in manoeuvres if name not in blind]
+    names = f" ({joined(good)})" if good else ""
+    return f"all sensors together see all {len(study.scenario.state_names)} states in {len(good)} of {len(manoeuvres)} manoeuvres{names}"
 
 
 def _misses(study: Study, suite: tuple[str, ...]) -> str:
     together = set(suite) == set(study.scenario.sensor_names) and len(suite) > 1
-    return "all together miss" if together else f"{facts.sensors_in_words(study, suite)} misses"
+    return "they miss" if together else f"{facts.sensors_in_words(study, suite)} misses"
 
 
 def proven(study: Study) -> str:
@@ -178,8 +191,11 @@ def held(study: Study) -> str:
     excess = float(np.max(validation.rmse[-1] / validation.bound[-1])) - 1
     near = f"its final errors are at most {percent(max(excess, 0.0))} above their Cramér-Rao bounds"
     others = [each for each in study.checks if not each.validation.consistent and each is not check]
-    rest = joined([f"{path_in_words(each.path)} with {_named(each.schedule)}" for each in others])
-    tail = f"; not so on {rest}" if others else ""
+    rest = joined(
+        [f"{path_in_words(each.path)} with {_named(each.schedule)}" for each in others], "or" if not validation.consistent else "and"
+    )
+    contrast = "not so on" if validation.consistent else "nor is it consistent on"
+    tail = f"; {contrast} {rest}" if others else ""
     return f"{yes}: on the designed path with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
 
 

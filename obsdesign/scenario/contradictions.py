@@ -112,7 +112,7 @@ def _time_problems(scenario: Scenario) -> Iterator[Problem]:
     time = scenario.time
     if time.duration < time.segment:
         yield Problem(("time", "duration"), f"is {time.duration:g} s: must be at least one segment, {time.segment:g} s")
-    elif whole_multiple(time.duration, time.segment) is None:
+    elif scenario.design.shortest is None and whole_multiple(time.duration, time.segment) is None:
         yield Problem(("time", "duration"), f"is {time.duration:g} s: must be a whole multiple of the segment, {time.segment:g} s")
     if whole_multiple(time.segment, time.step) is None:
         yield Problem(("time", "segment"), f"is {time.segment:g} s: must be a whole multiple of the step, {time.step:g} s")
@@ -136,6 +136,8 @@ def _path_problems(scenario: Scenario, duration: float) -> Iterator[Problem]:
 
 def _range_problems(scenario: Scenario) -> Iterator[Problem]:
     time, design, shortest = scenario.time, scenario.design, scenario.shortest
+    if whole_multiple(time.duration, time.step) is None and design.shortest is not None:
+        yield Problem(("time", "duration"), f"is {time.duration:g} s: must be a whole multiple of the step, {time.step:g} s")
     if shortest > time.duration:
         yield Problem(("design", "shortest"), f"is {shortest:g} s: must be at most time.duration, {time.duration:g} s")
     elif whole_multiple(shortest, time.step) is None and design.shortest is not None:

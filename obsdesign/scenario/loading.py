@@ -75,5 +75,7 @@ def _keys_at(location: Location) -> Sequence[str]:
 
 def _table_in(annotation: Any) -> Any:  # noqa: ANN401
     """The model inside an annotation such as tuple[Model, ...]."""
-    inner = [part for part in get_args(annotation) if isinstance(part, type) and issubclass(part, BaseModel)]
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    inner = [found for part in get_args(annotation) if isinstance(found := _table_in(part), type) and issubclass(found, BaseModel)]
     return inner[0] if inner else annotation

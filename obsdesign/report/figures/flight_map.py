@@ -8,8 +8,10 @@ from matplotlib.figure import Figure
 
 from obsdesign.flight import Flight
 from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
-from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
+from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.study.record import Study
+
+_WIDER = 1.4  # how much larger the map may become for a beacon
 
 
 def flight_map_figure(study: Study) -> str:
@@ -24,7 +26,7 @@ def flight_map_figure(study: Study) -> str:
         axes = figure.add_subplot()
         light_grid(axes)
         draw_shapes(axes, _shapes(study))
-        draw_landmarks(axes, study.scenario.system.model.landmarks)
+        draw_landmarks(axes, [point for point in study.scenario.system.model.landmarks if np.all((low <= point) & (point <= high))])
         _draw_paths(study, flight, axes)
         axes.set(xlabel="x [m]", ylabel="y [m]")
         axes.set_aspect("equal", adjustable="datalim")
@@ -41,7 +43,7 @@ def planned_at(study: Study, flight: Flight) -> np.ndarray:
     return np.arange(0, len(flight.u), every)
 
 
-def _shapes(study: Study) -> list:
+def _shapes(study: Study) -> list[Shape]:
     return shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
 
 
@@ -51,8 +53,11 @@ def _place(study: Study, states: np.ndarray) -> np.ndarray:
 
 def _extent(study: Study, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
     points = [_place(study, flight.truth), _place(study, flight.mean), *(shape.points for shape in _shapes(study) if not shape.wide)]
-    points += [np.array([point]) for point in study.scenario.system.model.landmarks]
     low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
+    for point in study.scenario.system.model.landmarks:
+        lower, higher = np.minimum(low, point), np.maximum(high, point)
+        if np.max(higher - lower) <= _WIDER * np.max(high - low):
+            low, high = lower, higher
     margin = 0.06 * float(np.max(high - low))
     return low - margin, high + margin
 

@@ -1,0 +1,571 @@
+"""Planning in flight: nothing raises, nothing is lost from one step to the next, and the filter in the loop learns the wind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import obsdesign as od
+import obsdesign.planner as planning
+from obsdesign.design.ascent import Solution
+from obsdesign.design.limits import is_feasible, shortfalls
+from obsdesign.flight import Flight, fly
+from obsdesign.planner import Plan, Planner
+
+SYSTEM = od.System(od.Dubins(1.0, wind="constant"), (od.GPS(2.0),))
+START = np.array([0.0, 0.0, 0.1, 0.2, -0.1])
+SCALE = (5.0, 5.0, 0.5, 0.3, 0.3)
+OBSTACLE = od.KeepOut((6.0, 1.0), 1.5)
+AREA = od.KeepIn(((-6.0, -7.0), (14.0, -7.0), (14.0, 7.0), (-6.0, 7.0)))
+PROBLEM = od.DesignProblem(
+    system=SYSTEM,
+    start=START,
+    duration=12.0,
+    step=0.25,
+    path=od.PiecewiseConstant(12),
+    bounds={"turn_rate": (-0.8, 0.8)},
+    scale=SCALE,
+    constraints=(OBSTACLE, AREA),
+)
+STD = (2.0, 2.0, 0.3, 0.3, 0.3)
+REAL_CLIMB = planning.climb
+
+
+@pytest.fixture(scope="module")
+def planner() -> Planner:
+    """A new plan every second, a piece of the path."""
+    return Planner(PROBLEM, every=1.0, starts=1)
+
+
+@pytest.fixture(scope="module")
+def often() -> Planner:
+    """A new plan every step, a quarter of a piece."""
+    return Planner(PROBLEM, starts=1)
+
+
+@pytest.fixture(scope="module")
+def first(planner: Planner) -> Plan:
+    return planner.step(START)
+
+
+def flown(x: np.ndarray, plan: Plan, seconds: float) -> np.ndarray:
+    """Where the vehicle is after so many seconds along a plan, without noise."""
+    u = plan.trajectory.u[: round(seconds / PROBLEM.step)]
+    return od.simulate(SYSTEM, x, u, PROBLEM.step).x[-1]
+
+
+def rest(plan: Plan, steps: int) -> np.ndarray:
+    """What is left of a plan's inputs, the last ones held."""
+    return np.vstack([plan.trajectory.u[steps:], np.tile(plan.trajectory.u[-1], (steps, 1))])
+
+
+def require_honest(plan: Plan, x: Any, problem: od.DesignProblem = PROBLEM) -> None:
+    """A plan is a path, and what it claims holds: seen from x_now by the checks of the design."""
+    assert isinstance(plan, Plan)
+    path = plan.trajectory
+    assert np.isfinite(path.x).all() and path.steps == problem.steps
+    np.testing.assert_allclose(path.x, od.simulate(SYSTEM, path.x[0], path.u, problem.step).x, atol=1e-12)
+    if plan.feasible:
+        np.testing.assert_array_equal(path.x[0], np.asarray(x, dtype=float))
+        assert is_feasible(problem, path)
+    else:
+        assert plan.reason
+
+
+def same_bytes(a: Plan, b: Plan) -> bool:
+    told = [(p.value, p.status, p.feasible, p.reason, p.age, p.time, p.memory.p.tobytes(), p.memory.by) for p in (a, b)]
+    paths = [(p.trajectory.t.tobytes(), p.trajectory.x.tobytes(), p.trajectory.u.tobytes()) for p in (a, b)]
+    return repr(told[0]) == repr(told[1]) and paths[0] == paths[1]
+
+
+# ---------------------------------------------------------------- the first plan
+
+
+def test_the_first_plan_is_that_of_a_design_from_the_same_start(first: Plan):
+    require_honest(first, START)
+    assert first.feasible and first.age == 0 and first.time == 0.0 and not first.reason
+    design = od.design_trajectory(PROBLEM, starts=1)
+    assert first.value == pytest.approx(PROBLEM.value(first.trajectory), rel=1e-12)
+    assert first.value == pytest.approx(design.value, rel=0.05)
+
+
+def test_the_same_arguments_give_the_same_plan(planner: Planner, first: Plan):
+    assert same_bytes(planner.step(START), first)
+    x = flown(START, first, 1.0) + 0.01
+    prior = np.diag(1 / np.square(STD))
+    assert same_bytes(planner.step(x, first, prior), replace(planner).step(x, first, prior))
+
+
+# ---------------------------------------------------------------- from one step to the next
+
+
+def no_climb(*_: Any, **__: Any) -> Solution:
+    raise RuntimeError("the engine is out")
+
+
+def test_after_an_interval_without_noise_the_plan_that_is_kept_is_the_rest_of_the_path(
+    planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(planning, "climb", no_climb)
+    plan, x = first, START
+    for k in range(1, 4):
+        x = flown(x, plan, 1.0)
+        plan = planner.step(x, plan)
+        left = PROBLEM.steps - 4 * k
+        np.testing.assert_array_equal(plan.trajectory.u[:left], first.trajectory.u[4 * k :])
+        np.testing.assert_allclose(plan.trajectory.x[: left + 1], first.trajectory.x[4 * k :], atol=1e-12)
+        np.testing.assert_array_equal(plan.trajectory.u[left:], np.tile(first.trajectory.u[-1], (4 * k, 1)))
+        assert (plan.age, plan.time, plan.status) == (k, float(k), od.Status.NUMERICAL_ERROR)
+        assert plan.reason.startswith("the engine is out")
+
+
+@pytest.mark.parametrize("times", [(0.0, 1.0), (0.25, 0.25, 0.25, 0.25, 0.5), (0.75, 0.75, 1.0), (1.75, 0.5), (4.25,)])
+def test_a_climb_begins_with_the_rest_of_the_path_wherever_in_a_piece_the_vehicle_is(
+    often: Planner, first: Plan, times: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+):
+    """The inputs are the same step by step, although the pieces of the horizon begin at other times."""
+    begun: list[np.ndarray] = []
+
+    def idle_climb(program: Any, aim: Any, p: np.ndarray, *rest: Any, **limits: Any) -> Solution:
+        begun.append(program.inputs(p))
+        return replace(REAL_CLIMB(program, aim, p, *rest, **limits), p=p)
+
+    monkeypatch.setattr(planning, "climb", idle_climb)
+    plan, x = first, START
+    for k, elapsed in enumerate(times):
+        x = flown(x, plan, elapsed) if elapsed else x
+        plan = often.step(x, plan, elapsed=elapsed)
+        np.testing.assert_allclose(begun[-1], rest(first, round(sum(times[: k + 1]) / 0.25)), atol=1e-12)
+        assert plan.time == sum(times[: k + 1])
+
+
+def test_multipliers_of_limits_stay_with_their_instants(planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch):
+    """A limit that holds the path up at 5 s holds it up at 4 s a second later."""
+    seen: list[Any] = []
+
+    def looked_at(program: Any, aim: Any, p: np.ndarray, warm: Any, *rest: Any, **limits: Any) -> Solution:
+        seen.append((program.rows, warm.multipliers))
+        return REAL_CLIMB(program, aim, p, warm, *rest, **limits)
+
+    monkeypatch.setattr(planning, "climb", looked_at)
+    rows, before = first.memory.rows, first.memory.warm.multipliers
+    planner.step(flown(START, first, 1.0), first)
+    later, after = seen[0]
+    old = dict(zip(zip(rows.node - 4, rows.margin, strict=True), before.rows, strict=False))
+    found = dict(zip(zip(later.node, later.margin, strict=True), after.rows, strict=False))
+    assert max(before.rows) > 0 and len(found) == len(later.node)
+    assert all(found[place] == old.get(place, 0.0) for place in found)
+    np.testing.assert_array_equal(after.matrices, before.matrices)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_is_never_worse_than_the_rest_of_the_one_before(planner: Planner, first: Plan, seed: int):
+    random, plan, x = np.random.default_rng(seed), first, START
+    for _ in range(5):
+        known = rest(plan, 4)
+        x = flown(x, plan, 1.0) + random.normal(0, (0.05, 0.05, 0.02, 0.01, 0.01))
+        plan = planner.step(x, plan)
+        require_honest(plan, x)
+        path = od.simulate(SYSTEM, x, known, PROBLEM.step)
+        if is_feasible(PROBLEM, path):
+            assert plan.feasible
+            assert plan.value >= PROBLEM.value(path)
+
+
+def test_elapsed_counts_from_the_previous_plan(planner: Planner, first: Plan):
+    x = flown(START, first, 1.0)
+    assert same_bytes(planner.step(x, first), planner.step(x, first, elapsed=1.0))
+    again = planner.step(START, first, elapsed=0.0)
+    assert again.time == 0.0 and again.value >= first.value
+    late = planner.step(flown(START, first, 3.0), first, elapsed=3.0)
+    assert late.time == 3.0 and late.feasible
+
+
+# ---------------------------------------------------------------- nothing raises
+
+
+def solution_of(status: od.Status, p: Callable[[np.ndarray], np.ndarray]) -> Callable[..., Solution]:
+    def climbed(program: Any, aim: Any, start: np.ndarray, *rest: Any, **limits: Any) -> Solution:
+        return replace(REAL_CLIMB(program, aim, start, *rest, **limits), status=status, p=p(start))
+
+    return climbed
+
+
+FAILURES: dict[str, Callable[..., Any]] = {
+    "raises": no_climb,
+    "not a number": solution_of(od.Status.NUMERICAL_ERROR, lambda p: p * np.nan),
+    "out of bounds": solution_of(od.Status.LOCALLY_OPTIMAL, lambda p: p + 3.0),
+    "straight into the obstacle": solution_of(od.Status.LOCALLY_OPTIMAL, lambda p: p * 0),
+    "too few parameters": solution_of(od.Status.LOCALLY_OPTIMAL, lambda p: p[:3]),
+    "nothing at all": lambda *_, **__: None,
+    **{status.name: solution_of(status, lambda p: p) for status in od.Status},
+}
+
+
+@pytest.mark.parametrize("failure", FAILURES)
+def test_a_climb_that_fails_leaves_the_path_that_was_known(planner: Planner, first: Plan, failure: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(planning, "climb", FAILURES[failure])
+    x = flown(START, first, 1.0)
+    plan = planner.step(x, first)
+    require_honest(plan, x)
+    assert plan.feasible and plan.age <= 1
+    np.testing.assert_array_equal(plan.trajectory.u, rest(first, 4))
+    if failure in ("raises", "not a number", "nothing at all"):  # the same without anything known
+        require_honest(planner.step(START), START)
+    monkeypatch.undo()  # and the next step recovers
+    recovered = planner.step(flown(x, plan, 1.0), plan)
+    assert recovered.feasible and recovered.value >= 0.9 * PROBLEM.value(od.simulate(SYSTEM, x, rest(first, 4), PROBLEM.step))
+
+
+NO_STATES: dict[str, Any] = {
+    "not a number": np.full(5, np.nan),
+    "infinite": np.array([np.inf, 0, 0, 0, 0]),
+    "too short": START[:3],
+    "a word": "north",
+    "nothing": None,
+}
+
+
+@pytest.mark.parametrize("name", NO_STATES)
+def test_where_the_state_is_none_the_path_goes_on_as_it_was_planned(planner: Planner, first: Plan, name: str):
+    plan = planner.step(NO_STATES[name], first)
+    require_honest(plan, NO_STATES[name])
+    assert not plan.feasible and plan.status is od.Status.NUMERICAL_ERROR and plan.reason
+    np.testing.assert_allclose(plan.x0, first.trajectory.x[4], atol=1e-12)
+    np.testing.assert_array_equal(plan.trajectory.u, rest(first, 4))
+    alone = planner.step(NO_STATES[name])
+    require_honest(alone, NO_STATES[name])
+    # and from the next state on all is well
+    x = flown(START, first, 2.0)
+    assert planner.step(x, plan).feasible
+
+
+def test_a_state_that_is_absurd_is_none_the_less_planned_from(planner: Planner, first: Plan):
+    there = np.full(5, 1e300)
+    plan = planner.step(there, first)
+    np.testing.assert_array_equal(plan.x0, there)
+    assert not plan.feasible and "KeepIn" in plan.reason
+    assert planner.step(flown(START, first, 2.0), plan).feasible
+
+
+BAD: dict[str, dict[str, Any]] = {
+    "prior of another size": {"prior": np.eye(3)},
+    "prior not symmetric": {"prior": np.triu(np.ones((5, 5)))},
+    "prior not positive": {"prior": -np.eye(5)},
+    "prior not a number": {"prior": np.full((5, 5), np.nan)},
+    "prior of words": {"prior": "much"},
+    "deadline not a number": {"deadline": float("nan")},
+    "deadline a word": {"deadline": "soon"},
+    "elapsed not a number": {"elapsed": float("nan")},
+    "elapsed before": {"elapsed": -1.0},
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_arguments_that_mean_nothing_leave_the_path_that_was_known(planner: Planner, first: Plan, name: str):
+    x = flown(START, first, 1.0)
+    plan = planner.step(x, first, **BAD[name])
+    require_honest(plan, x)
+    assert plan.feasible and plan.status is od.Status.NUMERICAL_ERROR
+    assert plan.reason.startswith(("prior", "known", "deadline", "elapsed"))
+    np.testing.assert_array_equal(plan.trajectory.u, rest(first, 4))
+
+
+def test_a_previous_plan_that_is_none_is_forgotten(planner: Planner):
+    plan = planner.step(START, "the plan of yesterday")  # pyright: ignore[reportArgumentType]
+    require_honest(plan, START)
+    assert plan.status is od.Status.NUMERICAL_ERROR
+
+
+@pytest.mark.parametrize("deadline", [0.0, -1.0, 1e-9])
+def test_at_the_deadline_the_path_that_is_known_goes_on(planner: Planner, first: Plan, deadline: float):
+    x = flown(START, first, 1.0)
+    plan = planner.step(x, first, deadline=deadline)
+    require_honest(plan, x)
+    assert plan.feasible and plan.age == 1 and plan.status is od.Status.TIME_LIMIT
+    np.testing.assert_array_equal(plan.trajectory.u, rest(first, 4))
+    assert plan.value == pytest.approx(PROBLEM.value(plan.trajectory), rel=1e-12)
+    # without a plan there is no more than to leave the controls alone
+    alone = planner.step(START, deadline=deadline)
+    require_honest(alone, START)
+    assert alone.status is od.Status.TIME_LIMIT and not alone.trajectory.u.any()
+
+
+def test_a_time_that_is_long_enough_changes_nothing(planner: Planner, first: Plan):
+    x = flown(START, first, 1.0)
+    assert same_bytes(planner.step(x, first), planner.step(x, first, deadline=60.0))
+
+
+def test_from_beyond_a_limit_the_plan_leads_back_and_says_so(planner: Planner, first: Plan):
+    inside = np.array([4.7, 1.0, 2.5, 0.2, -0.1])  # 1.3 m from the centre, heading out
+    for plan in (planner.step(inside, first), planner.step(inside)):
+        require_honest(plan, inside)
+        assert not plan.feasible and "missed by 0.2 m" in plan.reason
+        beyond = np.hypot(*(plan.trajectory.x[:, :2] - OBSTACLE.centre).T) - OBSTACLE.radius
+        back = int(np.argmax(beyond >= 0))
+        assert 0 < back <= 8 and beyond[back:].min() >= -1e-5
+        assert plan.status is not od.Status.NUMERICAL_ERROR
+
+
+def test_on_a_landmark_the_path_that_is_known_goes_on():
+    system = od.System(od.Dubins(1.0, wind="constant"), (od.GPS(2.0), od.Range((3.0, 4.0), 0.5)))
+    planner = Planner(replace(PROBLEM, system=system, constraints=(AREA,)), every=1.0, starts=1)
+    first, there = planner.step(START), np.array([3.0, 4.0, 0.0, 0.2, -0.1])
+    plan = planner.step(there, first)
+    np.testing.assert_array_equal(plan.trajectory.u, rest(first, 4))
+    np.testing.assert_array_equal(plan.x0, there)
+    assert "landmark" in plan.reason and plan.feasible == is_feasible(planner.problem, plan.trajectory)
+
+
+# ---------------------------------------------------------------- what is known so far
+
+
+def test_what_is_known_so_far_is_added_to_the_information(planner: Planner, first: Plan):
+    x, prior = flown(START, first, 1.0), od.Prior(START, std=STD)
+    plan = planner.step(x, first, prior)
+    W = od.variational_gramian(SYSTEM, plan.trajectory).total + np.diag(1 / np.square(STD))
+    assert plan.value == pytest.approx(np.linalg.eigvalsh(W * np.outer(SCALE, SCALE))[0], rel=1e-9)
+    assert same_bytes(plan, planner.step(x, first, prior.information))
+    assert plan.value > planner.step(x, first).value
+    # who knows the wind already plans another path than who does not
+    knows_wind = planner.step(x, first, np.diag([0.0, 0.0, 0.0, 1e6, 1e6]))
+    assert np.abs(knows_wind.trajectory.u - planner.step(x, first).trajectory.u).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"criterion": od.Posterior(od.Prior(START, std=STD), (1e-4, 1e-4, 1e-5, 1e-6, 1e-6))},
+        {"robust": od.Robust(od.Prior(START, std=STD), samples=3)},
+        {"path": od.BSpline(8)},
+        {"path": od.DubinsPath("LSR", 1.0)},
+        {"floor": od.Floor(6.0, 1e-4), "criterion": od.LogDet()},
+        {"prices": (od.Price(od.Effort({"turn_rate": 1.0}), 0.1),), "rates": {"turn_rate": 0.4}},
+    ],
+    ids=["posterior", "robust", "spline", "dubins", "floor", "price"],
+)
+def test_whatever_can_be_designed_can_be_planned(asked: dict[str, Any]):
+    problem = replace(PROBLEM, duration=6.0, step=0.5, path=od.PiecewiseConstant(6), constraints=(AREA,))
+    problem = replace(problem, **asked)
+    planner = Planner(problem, starts=1)
+    plan, x = planner.step(START, prior=od.Prior(START, std=STD)), START
+    for _ in range(2):
+        known = rest(plan, 1)
+        x = od.simulate(SYSTEM, x, plan.trajectory.u[:1], 0.5).x[-1]
+        plan = planner.step(x, plan, od.Prior(x, std=STD))
+        require_honest(plan, x, problem)
+        assert plan.status is not od.Status.NUMERICAL_ERROR, plan.reason
+        np.testing.assert_array_less(np.abs(plan.trajectory.u), 0.8 + 1e-9)
+        if plan.age:
+            np.testing.assert_array_equal(plan.trajectory.u, known)
+
+
+# ---------------------------------------------------------------- a mission that ends
+
+
+def test_in_a_mission_the_horizon_shrinks_the_goal_is_reached_and_budgets_are_kept():
+    goal, via = od.Goal((6.0, -3.0), 0.5), od.Via((3.0, 3.0), 0.7, 0.0, 8.0)
+    budget = od.Budget(od.PathLength(), 13.0)
+    problem = replace(PROBLEM, constraints=(goal, via, AREA), budgets=(budget,))
+    planner = Planner(problem, every=1.0, horizon="shrinking", starts=2)
+    plan, x, states = None, START, [START]
+    for k in range(12):
+        plan = planner.step(x, plan)
+        assert plan.feasible and plan.trajectory.steps == 48 - 4 * k and plan.time == k, plan.reason
+        path = od.simulate(SYSTEM, x, plan.trajectory.u[:4], 0.25).x
+        states, x = [*states, *path[1:]], path[-1]
+    way = np.array(states)[:, :2]
+    assert np.hypot(*(way[-1] - goal.point)) <= 0.5 * (1 + 1e-5)
+    assert np.hypot(*(way[:33] - via.point).T).min() <= 0.7 + 0.15  # at a node; between two of them it is nearer
+    assert np.hypot(*np.diff(way, axis=0).T).sum() <= 13.0 * (1 + 1e-5)
+    after = planner.step(x, plan)
+    assert after.trajectory.steps == 1 and after.time == 12.0
+
+
+# ---------------------------------------------------------------- refusals, at construction only
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"every": 0.3}, "every is 0.3"),
+        ({"every": 0.0}, "every is 0.0"),
+        ({"every": float("nan")}, "every is nan"),
+        ({"horizon": "far"}, "horizon is 'far'"),
+        ({"iterations": 0}, "iterations is 0"),
+        ({"enough": 0.0}, "enough is 0.0"),
+        ({"starts": 0}, "starts is 0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"problem": replace(PROBLEM, duration=(8.0, 12.0))}, "duration is"),
+    ],
+)
+def test_a_planner_is_refused_before_take_off(changes: dict[str, Any], message: str):
+    with pytest.raises(od.InputError, match=message):
+        Planner(**{"problem": PROBLEM, **changes})
+
+
+def test_what_no_path_shows_is_refused_before_take_off():
+    blind = replace(PROBLEM, system=od.System(od.Dubins(1.0, wind="constant"), (od.Magnetometer(0.1),)))
+    with pytest.raises(od.UnobservableError):
+        Planner(blind)
+
+
+# ---------------------------------------------------------------- closed loop
+
+
+def loop(planner: Planner, steps: int, seconds: float) -> list[Plan]:
+    """Plans along a flight without noise."""
+    plan, x, plans = None, START, []
+    for _ in range(steps):
+        plan = planner.step(x, plan)
+        plans.append(plan)
+        x = flown(x, plan, seconds)
+    return plans
+
+
+def test_a_few_iterations_a_step_achieve_what_solving_each_step_to_the_end_does(planner: Planner):
+    plans = loop(planner, 60, 1.0)
+    for plan in plans:
+        require_honest(plan, plan.x0)
+        assert plan.feasible, plan.reason
+    to_the_end = loop(replace(planner, iterations=60, enough=1e-9), 15, 1.0)
+    assert np.mean([plan.value for plan in plans]) >= 0.95 * np.mean([plan.value for plan in to_the_end])
+
+
+@pytest.mark.slow
+def test_five_hundred_steps_with_a_deadline_neither_raise_nor_stall(often: Planner):
+    random, plan, x, plans = np.random.default_rng(0), None, START, []
+    for _ in range(500):
+        plan = often.step(x, plan, deadline=None if plan is None else 0.1)
+        plans.append(plan)
+        x = flown(x, plan, 0.25) + random.normal(0, (0.01, 0.01, 0.005, 0.0, 0.0))
+    assert all(plan.status is not od.Status.NUMERICAL_ERROR for plan in plans)
+    assert np.mean([plan.feasible for plan in plans]) >= 0.9
+    assert np.mean([plan.seconds <= 0.1 for plan in plans[1:]]) >= 0.95
+
+
+# ---------------------------------------------------------------- the filter in the loop
+
+PSD = (1e-3, 1e-3, 1e-4, 1e-5, 1e-5)
+PRIOR = od.Prior(START, std=(1.0, 1.0, 0.2, 0.3, 0.3))
+
+
+@pytest.fixture(scope="module")
+def flights() -> list[Flight]:
+    problem = replace(PROBLEM, constraints=(), step=0.5, path=od.PiecewiseConstant(8))
+    return [fly(problem, PRIOR, every=1.5, duration=24.0, disturbance_psd=PSD, seed=seed) for seed in range(6)]
+
+
+def test_the_filter_in_the_loop_is_honest(flights: list[Flight]):
+    """The NEES averaged over flights and the later half, in a generous band; its instants are not independent."""
+    for each in (flights, [flight.straight for flight in flights]):
+        average = np.mean([flight.nees[24:] for flight in each])
+        low, high = chi2.ppf([1e-4, 1 - 1e-4], 5 * len(flights)) / len(flights)
+        assert low <= average <= high
+
+
+def test_the_wind_is_estimated_better_than_on_the_straight_flight(flights: list[Flight]):
+    planned, straight = (np.array([f.std[-1, 3:] for f in each]) for each in (flights, [f.straight for f in flights]))
+    assert np.all(planned < 0.12)
+    # flown straight, the wind across and the heading cannot be told apart
+    assert np.all(planned.max(axis=1) < 0.6 * straight.max(axis=1))
+    errors = [np.sqrt(np.mean([(f.mean - f.truth)[-1, 3:] ** 2 for f in each])) for each in (flights, [f.straight for f in flights])]
+    assert errors[0] < errors[1]
+
+
+def test_both_flights_are_of_the_same_world(flights: list[Flight]):
+    for flight in flights:
+        straight = flight.straight
+        np.testing.assert_array_equal(flight.truth[0], straight.truth[0])
+        assert not straight.u.any() and straight.straight is None and straight.statuses == ()
+        # constant wind moves by the process noise alone, which is the same
+        np.testing.assert_allclose(flight.truth[:, 3:], straight.truth[:, 3:], atol=1e-12)
+        assert len(flight.statuses) == len(flight.values) == len(flight.ages) == len(flight.seconds) == len(flight.feasible) == 16
+        assert flight.t.shape == (49,) and flight.u.shape == (48, 1) and flight.margin == np.inf
+    assert len({flight.truth.tobytes() for flight in flights}) == len(flights)
+
+
+def test_the_same_seed_gives_the_same_flight(flights: list[Flight]):
+    problem = replace(PROBLEM, constraints=(), step=0.5, path=od.PiecewiseConstant(8))
+    again = fly(problem, PRIOR, every=1.5, duration=24.0, disturbance_psd=PSD, seed=2)
+    for name in ("t", "truth", "mean", "std", "u", "nees", "values", "ages", "statuses", "feasible"):
+        assert np.asarray(getattr(again, name)).tobytes() == np.asarray(getattr(flights[2], name)).tobytes() or name == "statuses"
+    assert again.statuses == flights[2].statuses
+
+
+def test_the_first_plan_of_a_flight_counts_the_prior_once(flights: list[Flight]):
+    problem = replace(PROBLEM, constraints=(), step=0.5, path=od.PiecewiseConstant(8))
+    flight = flights[0]
+    plan = Planner(problem, every=1.5).step(flight.mean[0], prior=PRIOR.information)
+    assert flight.values[0] == pytest.approx(plan.value, rel=1e-6)
+
+
+def test_where_all_is_linear_the_filter_in_the_loop_knows_what_the_bound_allows():
+    """Kalman's filter, whose covariance no data and no path change."""
+    x = ca.SX.sym("x", 2)
+    known: dict[str, ca.SX] = {"push": ca.vertcat(0.0, 1.0)}
+    system = od.ControlAffineSystem(
+        state=x,
+        names=("place", "speed"),
+        drift=ca.vertcat(x[1], 0.0),
+        known=known,
+        unknown={},
+        outputs={"place": x[0]},
+        sigmas={"place": 0.5},
+    )
+    bounds = {"push": (-1.0, 1.0)}
+    problem = od.DesignProblem(system=system, start=(0.0, 1.0), duration=4.0, step=0.5, path=od.PiecewiseConstant(4), bounds=bounds)
+    n, m = 2, 1
+    prior, psd = od.Prior(np.zeros(n), std=np.full(n, 2.0)), np.full(n, 0.01)
+    flight = fly(problem, prior, every=1.0, duration=6.0, disturbance_psd=psd, seed=3)
+    path = od.simulate(system, flight.truth[0], np.zeros((12, m)), 0.5)
+    J = od.posterior_information(system, path, prior, psd)
+    expected = np.sqrt(np.diagonal(np.linalg.inv(J), axis1=1, axis2=2))
+    for each in (flight, flight.straight):
+        np.testing.assert_allclose(each.std, expected, rtol=1e-9)
+
+
+def test_a_flight_tells_how_near_the_truth_came_to_its_limits():
+    problem = replace(PROBLEM, step=0.5, path=od.PiecewiseConstant(8))
+    flight = fly(problem, od.Prior(START, std=np.array(STD) / 20), every=2.0, duration=8.0, truth=START, seed=1)
+    np.testing.assert_array_equal(flight.truth[0], START)
+    away = np.hypot(*(flight.truth[:, :2] - OBSTACLE.centre).T).min() / OBSTACLE.radius - 1
+    size = AREA.size[0]
+    x, y = flight.truth[:, 0], flight.truth[:, 1]
+    inside = min((x + 6).min(), (14 - x).min(), (y + 7).min(), (7 - y).min()) / size
+    assert flight.margin == pytest.approx(min(away, inside), abs=1e-5)
+    # without process noise the truth is where the inputs lead
+    np.testing.assert_allclose(flight.truth, od.simulate(SYSTEM, START, flight.u, 0.5).x, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"duration": 0.9}, "duration is 0.9"),
+        ({"duration": -1.0}, "duration is -1.0"),
+        ({"every": 0.9}, "every is 0.9"),
+        ({"seed": -1}, "seed is -1"),
+        ({"deadline": 0.0}, "deadline is 0.0"),
+        ({"truth": np.zeros(3)}, "truth has shape"),
+        ({"prior": od.Prior(np.zeros(2), std=(1.0, 1.0))}, "prior has 2 states"),
+        ({"disturbance_psd": np.full(5, -1.0)}, "disturbance_psd"),
+    ],
+)
+def test_a_flight_is_refused_before_take_off(changes: dict[str, Any], message: str):
+    asked: dict[str, Any] = {"prior": PRIOR, "every": 1.0, "duration": 4.0, **changes}
+    with pytest.raises(od.InputError, match=message):
+        fly(PROBLEM, asked.pop("prior"), **asked)
+
+
+def test_shortfalls_of_a_plan_that_breaks_a_limit_are_told_in_words(planner: Planner, first: Plan):
+    """Boxed in: no path keeps out of a wall that is a metre ahead of a vehicle that turns in 1.25 m."""
+    wall = replace(PROBLEM, constraints=(od.KeepOut((3.0, 0.0), 2.2),))
+    plan = Planner(wall, every=1.0, starts=1).step(START)
+    short = shortfalls(wall, plan.trajectory)
+    assert not plan.feasible and str(short[0]) in plan.reason
