@@ -27,9 +27,11 @@ lint: $(READY)
 	$(BIN)/pyright
 	$(BIN)/lint-imports --no-cache
 
-# The committed example is what a reader sees without running anything.
+# The committed examples are what a reader sees without running anything.
 examples: $(READY)
-	$(BIN)/obsdesign run scenarios/aerosonde_wind.toml --out reports/examples/aerosonde_wind
+	for scenario in scenarios/*.toml; do \
+	  $(BIN)/obsdesign run $$scenario --out reports/examples/$$(basename $$scenario .toml) || exit 1; \
+	done
 	$(BIN)/python docs/picture.py
 	$(BIN)/obsdesign schema result > docs/result.schema.json
 

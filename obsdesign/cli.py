@@ -246,7 +246,7 @@ def _deaf() -> Iterator[None]:
         answer(signal.SIGINT, None)
 
 
-_PAUSE, _TRIES, _PATIENCE = 0.5, 3, 10.0  # seconds from one KeyboardInterrupt to the next; how many; seconds to leave in
+_PAUSE, _TRIES, _PATIENCE = 0.5, 3, 3.0  # seconds from one KeyboardInterrupt to the next; how many; seconds to leave in
 
 
 class _Stop:
@@ -284,7 +284,7 @@ class _Stop:
             # to the main thread itself: while that waits, a signal to another one does not wake it
             _thread.interrupt_main() if sys.platform == "win32" else signal.pthread_kill(self._thread, signal.SIGINT)
             time.sleep(_PAUSE)
-        time.sleep(_PATIENCE)  # a pool may wait for ever for the rest of what a killed worker had to say
+        time.sleep(_PATIENCE)  # a pool may wait for ever: for the rest of a killed worker's answer, or a lock that was held just then
         self._end()
 
     def _end(self) -> NoReturn:

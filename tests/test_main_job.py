@@ -1,12 +1,20 @@
-"""The main job, in a subprocess: what the study of the Aerosonde in wind must find."""
+"""The main job: what the study of the Aerosonde in wind must find, in a subprocess; truths of the other scenarios."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import AEROSONDE, obsdesign
+from conftest import AEROSONDE, ROOT, obsdesign
+
+import obsdesign as od
+from obsdesign.study.candidates import candidates_of
+from obsdesign.study.problem import problem_of
+from obsdesign.study.running import analyse
+
+OTHERS = sorted(file for file in (ROOT / "scenarios").glob("*.toml") if file != AEROSONDE)
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +75,57 @@ def test_the_filter_is_consistent_on_the_designed_path_and_knows_the_wind_better
         return np.hypot(check["final_rmse"]["wind_x"], check["final_rmse"]["wind_y"])
 
     assert wind_error(designed) < wind_error(straight)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", OTHERS, ids=lambda file: file.stem)
+def test_every_other_scenario_meets_its_expected_values(file, tmp_path):
+    done = obsdesign("run", file, "--out", "out", "--json", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    expected = json.loads(done.stdout)["expected"]
+    assert expected
+    assert all(each["met"] for each in expected)
+
+
+# ---------------------------------------------------------------- three landmarks: Belo, Salaris and Bicchi 2010, section IV-B
+
+
+@pytest.fixture(scope="module")
+def landmarks():
+    return od.load_scenario(ROOT / "scenarios" / "three_landmarks_path.toml")
+
+
+@pytest.fixture(scope="module")
+def naive(landmarks):
+    """The path along the circle, as the study has it; its design stands for any."""
+    problem = problem_of(landmarks, landmarks.sensor_names)
+    path = od.simulate(problem.system, problem.x0, np.tile(problem.grid.centre, (problem.steps, 1)), problem.step)
+    design = od.Design(problem, path, None, problem.value(path), od.Status.LOCALLY_OPTIMAL, ())
+    _, candidates = candidates_of(landmarks, (replace(design),))
+    return problem, next(each for each in candidates if each.name == landmarks.baselines[0].name)
+
+
+def test_along_the_circle_the_hidden_direction_is_that_of_a_turn_about_the_circle_s_centre(landmarks, naive):
+    problem, candidate = naive
+    # moved along the circle by 1 rad, at 0.49 m/s: x by the radius, heading by half an angle at the centre, side slip with the heading
+    direction = np.array([20.0, 0.0, 0.5, 0.0, 0.245, 0.0]) / problem.units
+    direction /= np.linalg.norm(direction)
+    quality = candidate.qualities[0]
+    assert abs(direction @ quality.weakest) == pytest.approx(1, abs=1e-6)
+    assert abs(quality.value) < 1e-6
+    assert quality.eigenvalues[1] > 1
+    (verdict,) = (
+        each.verdict
+        for each in analyse(landmarks.model_copy(update={"manoeuvres": landmarks.manoeuvres[:1]}), 0)
+        if each.sensors == landmarks.sensor_names
+    )
+    hidden = verdict.null_space[:, 0] / problem.units
+    assert abs(hidden @ direction) / np.linalg.norm(hidden) == pytest.approx(1, rel=1e-9)
+
+
+def test_the_naive_path_follows_the_circle_to_the_goal_and_keeps_every_limit_but_the_clearance(naive):
+    _, candidate = naive
+    radius = np.hypot(*candidate.path.x[:, :2].T)
+    np.testing.assert_allclose(radius, 20.0, rtol=1e-6)
+    assert [each.what.split(":")[0] for each in candidate.shortfalls] == ["CircleClearance"]
+    assert np.hypot(*(candidate.path.x[-1, :2] - [0.0, 20.0])) == pytest.approx(0.11, abs=0.01)

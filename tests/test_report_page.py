@@ -8,16 +8,30 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import jsonschema
 import matplotlib as mpl
 import numpy as np
 import pytest
 
+import obsdesign as od
+import obsdesign.constraints
 from obsdesign.constraints.goal import Goal
+from obsdesign.design.limits import Shortfall
+from obsdesign.design.record import Evidence, Optimum, Start
+from obsdesign.design.starts import shortest_inputs
+from obsdesign.families import kinds, leaf
+from obsdesign.moment import Moment
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.report import facts
+from obsdesign.report.designing import design_in_words
+from obsdesign.report.document import Result
+from obsdesign.report.figures._map import shapes
+from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import path_figure
-from obsdesign.report.flying import errors_table, plans_table
+from obsdesign.report.flying import broken, errors_table, final_errors, in_flight, least_margin, plans_table
+from obsdesign.report.naming import shortfall_in_words
 from obsdesign.report.page import page_of
+from obsdesign.report.result import result_of
 from obsdesign.report.rounding import MINUS, NARROW, percent, plain, polished, rounded
 from obsdesign.report.tables import (
     Table,
@@ -29,7 +43,8 @@ from obsdesign.report.tables import (
 )
 from obsdesign.report.wording import reasons
 from obsdesign.scenario.loading import load_scenario
-from obsdesign.study.record import Study
+from obsdesign.status import Status
+from obsdesign.study.record import Study, every_step
 from obsdesign.study.running import run
 
 AEROSONDE = Path(__file__).parent.parent / "scenarios" / "aerosonde_wind.toml"
@@ -68,7 +83,7 @@ sensors = [
 start = {x = 0.0, y = -20.0, heading = 0.0}
 prior = {x = 1.0, y = 1.0, heading = 0.1}
 process_noise = {x = 0.01, y = 0.01, heading = 0.001}
-time = {duration = 14.0, step = 1.0, segment = 4.0}
+time = {duration = 11.0, step = 1.0, segment = 4.0}
 selection = {per_segment = 2}
 validation = {runs = 20}
 [[manoeuvres]]
@@ -89,7 +104,7 @@ constraints = [
   {kind = "max_range", distance = 60.0},
 ]
 prices = [{kind = "path_length", per_unit = 0.001}]
-robust = {samples = 3}
+robust = {samples = 2}
 """
 SVGS = {"aerosonde": 8, "rover": 10, "robot": 9}
 
@@ -171,7 +186,6 @@ def all_tables(study: Study) -> list[Table]:
     return [
         subsets_table(study),
         paths_table(study),
-        contributions_table(study),
         *starts,
         schedules_table(study),
         checks_table(study),
@@ -223,7 +237,7 @@ def test_every_table_says_what_is_good(page):
 @pytest.mark.parametrize("name", ["rover", "robot"])
 def test_a_page_speaks_of_nothing_that_its_study_does_not_have(pages, name):
     words = re.sub(r"<(style|svg)\b.*?</\1>|<[^>]+>", " ", pages[name], flags=re.DOTALL).lower()
-    missing = {"rover": ["wind", "range", "beacon", "circle"], "robot": ["wind", "gps", "goal", "magnetometer"]}[name]
+    missing = {"rover": ["wind", "beacon", "circle"], "robot": ["wind", "gps", "goal", "magnetometer"]}[name]
     assert [word for word in [*missing, "gust", "aircraft", "dubins", "airspeed", "pilot"] if re.search(rf"\b{word}s?\b", words)] == []
 
 
@@ -341,3 +355,205 @@ def test_percentages_and_chosen_values():
     assert plain(1300.0) == f"1{NARROW}300"
     assert plain(0.25) == "0.25"
     assert polished("pivot 5.0e-01, -0.3 m of x, 256-bit") == f"pivot 0.500, {MINUS}0.3 m of x, 256-bit"
+
+
+# ---------------------------------------------------------------- segments, paths, limits
+
+EVERY_SHAPE = {
+    "circle_clearance": (od.CircleClearance(1.0, 2.0, ((0.0, 1.0), (1.0, 0.0), (-1.0, 0.0))), 1),
+    "goal": (od.Goal((1.0, 2.0), 3.0), 1),
+    "goal_pose": (od.GoalPose((1.0, 2.0), 0.5, 3.0, 0.1), 1),
+    "goal_region": (od.GoalRegion(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))), 1),
+    "ground_speed": (od.GroundSpeed(1.0), 0),
+    "heading_sector": (od.HeadingSector(0.0, 1.0), 0),
+    "keep_in": (od.KeepIn(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))), 1),
+    "keep_out": (od.KeepOut((1.0, 2.0), 3.0), 1),
+    "keep_out_polygon": (od.KeepOutPolygon(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))), 1),
+    "loiter": (od.Loiter((1.0, 2.0), 3.0, 4.0), 1),
+    "max_range": (od.MaxRange(5.0), 2),
+    "stand_off": (od.StandOff(5.0), 2),
+    "via": (od.Via((1.0, 2.0), 3.0), 1),
+}
+LANDMARKS = ((0.0, 7.0), (7.0, 0.0))
+
+
+def test_every_kind_of_constraint_has_a_place_on_the_map_or_none_and_words_for_breaking_it():
+    assert set(EVERY_SHAPE) == set(kinds(obsdesign.constraints))
+    for kind, (constraint, count) in EVERY_SHAPE.items():
+        assert leaf(obsdesign.constraints, kind) is type(constraint)
+        assert len(shapes([constraint], LANDMARKS)) == count, kind
+        words = shortfall_in_words(Shortfall(str(constraint), 1.0, 2.5, "m", -1.0))
+        assert words.endswith(f"by 2.50{NARROW}m")
+        assert "exceeds" not in words
+
+
+def test_the_shapes_on_the_map_are_where_the_margins_are_zero():
+    for constraint, count in EVERY_SHAPE.values():
+        if not count or isinstance(constraint, od.CircleClearance):
+            continue
+        for shape in shapes([constraint], LANDMARKS):
+            edge = np.vstack([shape.corners, shape.corners[:1]]) if shape.corners else None
+            middle = (edge[:-1] + edge[1:]) / 2 if edge is not None else [(shape.centre[0] + shape.radius, shape.centre[1])]
+            for point in middle:
+                state = {"x": point[0], "y": point[1], "heading": getattr(constraint, "heading", 0.0)}
+                margins = constraint.margins(Moment(state, {}, {}, LANDMARKS))
+                lowest = max(margins, key=lambda margin: -abs(margin))
+                # a polygon to keep out of is widened by less than this share of its size
+                assert abs(lowest) < (0.03 if isinstance(constraint, od.KeepOutPolygon) else 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("short", "text"),
+    [
+        (Shortfall("Goal: within 3 m of (0, 0)", 1.0, 3.2, "m", -1.0), f"misses the goal by 3.20{NARROW}m"),
+        (
+            Shortfall("turn_rate within -0.1 to 0.1 rad/s", 1.0, np.pi / 180, "rad/s", -1.0),
+            f"leaves the bounds of turn rate by 1.00{NARROW}deg/s",
+        ),
+        (Shortfall("path length at most 30 m", 1.0, 12.0, "m", -1.0), f"exceeds the budget of path length by 12.0{NARROW}m"),
+        (Shortfall("effort (2 turn_rate^2) at most 3", 1.0, 0.5, "", -1.0), "exceeds the budget of effort (2 turn_rate^2) by 0.500"),
+    ],
+)
+def test_what_a_path_breaks_is_told_in_words_and_units(short, text):
+    assert shortfall_in_words(short) == text
+
+
+def test_how_far_the_straight_path_misses_the_goal_is_its_distance_from_the_disc(aerosonde):
+    straight = aerosonde.candidate("straight")
+    (x, y), goal = straight.path.x[-1, :2], aerosonde.scenario.design.constraints[0]
+    missed = np.hypot(x - goal.point[0], y - goal.point[1]) - goal.tolerance
+    assert missed > 0
+    assert straight.shortfalls[0].by == pytest.approx(missed, rel=1e-6)
+    assert not straight.feasible
+    assert f"misses the goal by {rounded(missed)}{NARROW}m" in page_of(aerosonde)
+
+
+def test_the_shortest_way_ends_where_it_is_nearest_to_the_goal(aerosonde):
+    candidate, problem = aerosonde.candidate("shortest"), aerosonde.designs[0].problem
+    whole = od.simulate(problem.system, problem.x0, shortest_inputs(problem), problem.step)
+    distance = np.hypot(*(whole.x[:, :2] - problem.constraints[0].point).T)
+    assert candidate.path.steps == distance.argmin()
+    assert candidate.feasible
+    assert candidate.duration < aerosonde.designed.duration
+
+
+def test_segments_cover_a_path_of_any_length_the_last_being_shorter(robot):
+    assert robot.designed.path.steps in (10, 11)
+    for candidate in robot.candidates:
+        nodes, steps = candidate.nodes, candidate.path.steps
+        assert nodes.tolist() == [0, 4, 8, steps]
+        np.testing.assert_allclose(candidate.blocks.sum(axis=0), candidate.information.blocks.sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(candidate.blocks[2], candidate.information.blocks[8:].sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(candidate.contributions.shares.sum(axis=(1, 2)), 1, rtol=1e-9)
+    assert all(candidate.duration == robot.designs[0].problem.longest for candidate in robot.candidates)
+
+
+def test_a_schedule_holds_within_its_segments(robot):
+    chosen, nodes = np.array([[1, 0, 1], [0, 1, 1], [1, 1, 0]], dtype=bool), np.array([0, 4, 8, 10])
+    steps = every_step(chosen, nodes)
+    assert [steps[k].tolist() for k in (0, 3, 4, 7, 8, 9)] == [chosen[k].tolist() for k in (0, 0, 1, 1, 2, 2)]
+    assert len(steps) == 10
+    on = facts.sensors_on(robot, robot.selection.schedule.chosen)
+    assert sum(on.values()) == pytest.approx(2 * robot.designed.duration)
+
+
+def test_a_value_about_some_states_is_the_least_information_about_them(robot):
+    quality, problem = robot.designed.qualities[0], robot.designs[0].problem
+    covariance = np.linalg.inv(problem.scaled(robot.designed.information.total))[:2, :2]
+    assert facts.value_of(robot, quality) == pytest.approx(1 / np.linalg.eigvalsh(covariance)[-1], rel=1e-6)
+    assert "λmin about x, y [–]" in paths_table(robot).head
+
+
+def test_clearances_are_those_of_the_circle_by_differences_along_the_path(robot):
+    limit, path = robot.scenario.design.constraints[0], robot.designed.path
+    fine = od.simulate(robot.scenario.system, path.x[0], np.repeat(path.u, 1000, axis=0), path.step / 1000)
+    off = np.hypot(*fine.x[:, :2].T) - 20.0
+    speed = (off[1::1000] - off[:-1:1000]) / (path.step / 1000)
+    (found,) = clearances(robot, "designed")
+    np.testing.assert_allclose(found[0], np.hypot(off[:-1:1000], limit.time_scale * speed), atol=0.02)
+    (naive,) = clearances(robot, robot.baseline)
+    assert naive.max() < 1e-6
+
+
+# ---------------------------------------------------------------- how a path was found
+
+
+def test_prices_draws_and_durations_are_told(robot):
+    text, design = design_in_words(robot, 0), robot.designs[0]
+    assert "Of durations from 10 to 11" in text
+    assert f"The objective {rounded(design.objective)} is the draws' value less" in text
+    assert f"judged by the worst of 2 draws of the prior. Over 1{NARROW}000 fresh draws" in text
+    assert rounded(design.robustness.worst) in text
+    assert rounded(design.robustness.five_percent) in text
+
+
+def test_optima_and_evidence_are_told(aerosonde):
+    optima = (Optimum(220.0, ("a", "b", "c")), Optimum(100.0, ("d",)))
+    starts = tuple(Start(name, Status.LOCALLY_OPTIMAL, 220.0, 5, 1e-9, refined=name != "e") for name in "abcde")
+    evidence = Evidence(250.0, 0.12, np.eye(5) / 5, 40, "")
+    design = replace(aerosonde.designs[0], optima=optima, starts=starts, evidence=evidence)
+    text = design_in_words(replace(aerosonde, designs=(design, *aerosonde.designs[1:])), 0)
+    assert "4 of 5 starts, the best in a coarser family, climbed to 2 distinct optima: 220.00 (3 starts) and 100.00 (1 start)" in text
+    # 250 is better than 220 by 0.12 / 0.88
+    assert "40 climbs along the dual question met no path above 250: as far as they tell" in text
+    assert f"none has a λmin that is better by more than 13.6{NARROW}%" in text
+    assert "evidence, not proof" in text
+
+
+# ---------------------------------------------------------------- in flight
+
+
+def test_a_flight_that_misses_the_goal_by_three_metres_says_so(rover):
+    flight, goal = rover.flight, rover.scenario.design.constraints[0]
+    for beyond, words in ((3.0, "No: "), (0.5, "Not quite: ")):
+        truth = flight.truth.copy()
+        truth[-1, :2] = goal.point[0], goal.point[1] + goal.tolerance + beyond
+        missed = replace(flight, truth=truth)
+        (short,) = broken(rover, missed)
+        assert short.by == pytest.approx(beyond, rel=1e-5)
+        assert least_margin(rover, missed) == pytest.approx(-beyond / goal.tolerance, rel=1e-5)
+        said = in_flight(rover, missed, rover.scenario.flight)
+        assert said.startswith(words)
+        assert f"misses the goal by {rounded(beyond)}{NARROW}m" in said
+
+
+def test_a_flight_that_ends_at_the_goal_arrives(rover):
+    truth = rover.flight.truth.copy()
+    truth[-1, :2] = rover.scenario.design.constraints[0].point
+    arrived = replace(rover.flight, truth=truth)
+    assert broken(rover, arrived) == ()
+    assert least_margin(rover, arrived) == pytest.approx(1, abs=2e-3)
+    assert in_flight(rover, arrived, rover.scenario.flight).startswith("Yes: with a new plan every 2")
+    receding = rover.scenario.flight.model_copy(update={"horizon": "receding"})
+    elsewhere = replace(rover, scenario=rover.scenario.model_copy(update={"flight": receding}))
+    assert least_margin(elsewhere, rover.flight) == np.inf  # the goal is that of each plan, not of the flight
+
+
+def test_errors_at_the_end_of_a_flight_know_no_whole_turns(rover):
+    mean = rover.flight.truth + np.array([1.0, -2.0, 2 * np.pi + 0.1])
+    np.testing.assert_allclose(final_errors(rover, replace(rover.flight, mean=mean)), [1.0, 2.0, 0.1], rtol=1e-9)
+
+
+def test_the_document_has_the_flight_and_its_timings_apart(rover, aerosonde):
+    document, flight = result_of(rover), rover.flight
+    assert document.flight.t == flight.t.tolist()
+    assert document.flight.flown.truth["heading"] == flight.truth[:, 2].tolist()
+    assert document.flight.flown.u["speed"] == flight.u[:, 0].tolist()
+    assert document.flight.middle.final_std == dict(zip(("x", "y", "heading"), flight.straight.std[-1].tolist(), strict=True))
+    assert len(document.flight.plans) == len(flight.statuses) == 6
+    assert document.flight.feasible_plans == sum(flight.feasible)
+    assert {"fly", "first plan", "plan, median", "plan, longest"} <= set(document.timings)
+    assert result_of(aerosonde).flight is None
+
+
+@pytest.mark.parametrize("name", SVGS)
+def test_the_document_satisfies_its_schema(name, request):
+    document = result_of(request.getfixturevalue(name)).model_dump(mode="json")
+    jsonschema.Draft202012Validator(Result.model_json_schema()).validate(document)
+    assert document["schema_version"] == "1.2"
+    study = request.getfixturevalue(name)
+    for candidate in study.candidates:
+        assert document["paths"][candidate.name]["feasible"] == (document["paths"][candidate.name]["shortfalls"] == [])
+    for design, part in zip(study.designs, document["designs"].values(), strict=True):
+        assert part["duration"] == design.trajectory.t[-1]
+        assert [optimum["value"] for optimum in part["optima"]] == sorted((each.value for each in design.optima), reverse=True)
