@@ -14,7 +14,7 @@ from obsdesign.design.limits import rows_of
 from obsdesign.design.program import Program, Slopes, Values
 
 _TOLERANCE = 1e-5  # by how much a margin may fall short for the answer to count
-_SECONDS = 120.0
+_SECONDS = 20.0
 
 
 @dataclass(frozen=True)

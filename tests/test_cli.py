@@ -37,6 +37,12 @@ value = {}
 source = "Brace and Morgansen"
 """
 DIMENSION = "analyses.straight.gps.dimension"
+FLIGHT = """
+[flight]
+every = 10.0
+duration = 40.0
+horizon = "shrinking"
+"""
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +50,7 @@ def finished(tmp_path_factory):
     """One run of the small scenario in two processes, as JSON; one expected value is met, one missed, one does not exist."""
     folder = tmp_path_factory.mktemp("finished")
     expected = EXPECTED.format(DIMENSION, 4) + EXPECTED.format(DIMENSION, 5) + EXPECTED.format("designs.all.valu", 1)
-    (folder / "scenario.toml").write_text(small_scenario() + expected)
+    (folder / "scenario.toml").write_text(small_scenario() + FLIGHT + expected)
     return folder, obsdesign("run", "scenario.toml", "--out", "out", "--jobs", "2", "--json", folder=folder)
 
 
@@ -174,6 +180,16 @@ def test_an_unreachable_goal_is_exit_code_1_and_named(tmp_path):
     done = obsdesign("run", file, folder=tmp_path)
     assert (done.returncode, done.stdout) == (1, "")
     assert "infeasible, proven: Goal: within 100 m of (6000, 400)" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
+
+
+def test_limits_that_contradict_each_other_are_exit_code_1_and_both_named(tmp_path):
+    around = '[[design.constraints]]\nkind = "keep_out"\ncentre = [600.0, 400.0]\nradius = 150.0\n\n[selection]'
+    file = write(tmp_path, ("[selection]", around), ("starts = 2", "starts = 1"), ('suites = [["gps"]]', "suites = []"))
+    done = obsdesign("run", file, folder=tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
+    for part in ("no feasible point", "KeepOut: at least 150 m from (600, 400): missed by", "Goal: within 100 m of (600, 400): missed by"):
+        assert part in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
 
 

@@ -27,7 +27,7 @@ from obsdesign.design.starts import start_inputs
 STEP, FINER = 0.5, 10
 BEACON = (4.0, 6.0)
 SCALE = (5.0, 5.0, 0.5, 0.3, 0.3)
-REFUSED = 3  # missions without an answer that are asked for their reason, which takes seconds
+REFUSED = 2  # missions without an answer that are asked for their reason, which takes seconds
 SHARE = 1e-5  # of a limit's own size by which it may be missed
 Random = np.random.Generator
 
@@ -179,7 +179,7 @@ def mission(seed: int) -> Mission:
     sharpest = random.uniform(0.35, 0.8)
     bounds = {"turn_rate": (-sharpest, sharpest * random.uniform(0.8, 1.0))}
     vehicle = od.Dubins(speed, wind="constant")
-    if random.random() < 0.3:
+    if random.random() < 0.25:
         vehicle, bounds = od.Unicycle(wind="constant"), {"speed": (0.5 * speed, 1.2 * speed), **bounds}
     sensors = (od.GPS(2.0), od.Range(BEACON, 1.0), od.Bearing(BEACON, 0.1)) if random.random() < 0.85 else (od.GPS(1.0),)
     wind = anywhere(random.uniform(0, 0.4), random)
@@ -190,7 +190,9 @@ def mission(seed: int) -> Mission:
     p = smooth_parameters(bare, random)
     u = np.asarray(path.inputs(p, bare.grid), dtype=float).reshape(steps, -1)
     known = flown(start, u[:, 0] if u.shape[1] == 2 else np.full(steps, speed), u[:, -1])
-    limits = [LIMITS[i](known, random) for i in random.choice(len(LIMITS), int(random.integers(1, 5)), replace=False)]
+    limits = [
+        LIMITS[i](known, random) for i in random.choice(len(LIMITS), random.choice([1, 2, 3, 4], p=[0.3, 0.3, 0.25, 0.15]), replace=False)
+    ]
     exists = random.random() < 0.88
     if not exists:
         place = known.place[0] + wind * known.t[-1] + anywhere(speed * (known.t[-1] - 2.0) * random.random(), random)

@@ -12,6 +12,7 @@ import pytest
 from scipy.stats import chi2
 
 import obsdesign as od
+import obsdesign.flight as flying
 import obsdesign.planner as planning
 from obsdesign.design.ascent import Solution
 from obsdesign.design.limits import is_feasible, shortfalls
@@ -123,6 +124,8 @@ def test_after_an_interval_without_noise_the_plan_that_is_kept_is_the_rest_of_th
         np.testing.assert_array_equal(plan.trajectory.u[left:], np.tile(first.trajectory.u[-1], (4 * k, 1)))
         assert (plan.age, plan.time, plan.status) == (k, float(k), od.Status.NUMERICAL_ERROR)
         assert plan.reason.startswith("the engine is out")
+    later = planner.step(flown(x, plan, 2.0), plan, elapsed=2.0)
+    np.testing.assert_allclose(later.trajectory.x[:29], first.trajectory.x[20:], atol=1e-12)
 
 
 @pytest.mark.parametrize("times", [(0.0, 1.0), (0.25, 0.25, 0.25, 0.25, 0.5), (0.75, 0.75, 1.0), (1.75, 0.5), (4.25,)])
@@ -162,6 +165,8 @@ def test_multipliers_of_limits_stay_with_their_instants(planner: Planner, first:
     assert max(before.rows) > 0 and len(found) == len(later.node)
     assert all(found[place] == old.get(place, 0.0) for place in found)
     np.testing.assert_array_equal(after.matrices, before.matrices)
+    # climbs keep a little away from every limit, so that one that is stopped early keeps it
+    assert np.all((later.allowance > 0) & (later.allowance <= 2e-3))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -221,6 +226,41 @@ def test_a_climb_that_fails_leaves_the_path_that_was_known(planner: Planner, fir
     monkeypatch.undo()  # and the next step recovers
     recovered = planner.step(flown(x, plan, 1.0), plan)
     assert recovered.feasible and recovered.value >= 0.9 * PROBLEM.value(od.simulate(SYSTEM, x, rest(first, 4), PROBLEM.step))
+
+
+def test_a_better_path_that_breaks_a_limit_is_not_taken(monkeypatch: pytest.MonkeyPatch):
+    weave = np.repeat([0.6, -0.6, 0.6, -0.6], 3)
+    swinging, straight = (od.simulate(SYSTEM, START, np.repeat(p, 4)[:, None], 0.25) for p in (weave, 0 * weave))
+    furthest = int(np.hypot(*(swinging.x - straight.x)[:, :2].T).argmax())
+    problem = replace(PROBLEM, constraints=(od.KeepOut(tuple(swinging.x[furthest, :2]), 0.3),))
+    assert problem.value(swinging) > problem.value(straight) and not is_feasible(problem, swinging) and is_feasible(problem, straight)
+    planner = Planner(problem, every=1.0, starts=1)
+    known = planner.step(START, deadline=0.0)
+    monkeypatch.setattr(planning, "climb", solution_of(od.Status.LOCALLY_OPTIMAL, lambda _: weave))
+    plan = planner.step(START, known, elapsed=0.0)
+    assert plan.feasible and plan.age == 1 and not plan.trajectory.u.any()
+
+
+def test_after_a_climb_that_failed_the_next_begins_with_the_path(planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(planning, "climb", solution_of(od.Status.LOCALLY_INFEASIBLE, lambda p: 0 * p))
+    plan = planner.step(flown(START, first, 1.0), first)
+    np.testing.assert_allclose(np.repeat(plan.p, 4), rest(first, 4)[:, 0], atol=1e-12)
+
+
+def test_where_the_held_end_of_a_path_breaks_a_limit_it_ends_otherwise(monkeypatch: pytest.MonkeyPatch):
+    """Straight on for 15 s there is a wall; turning in the last 3 s leads past it."""
+    wall = od.KeepIn(((-6.0, -7.0), (16.4, -7.0), (16.4, 9.0), (-6.0, 9.0)))
+    problem = replace(PROBLEM, constraints=(wall,))
+    planner = Planner(problem, every=3.0, starts=1)
+    monkeypatch.setattr(planning, "climb", solution_of(od.Status.ITERATION_LIMIT, lambda p: 0 * p))
+    straight = od.simulate(SYSTEM, START, np.zeros((48, 1)), 0.25)
+    before = replace(planner.step(START, deadline=0.0), trajectory=straight)
+    x = straight.x[12]
+    assert not is_feasible(problem, od.simulate(SYSTEM, x, np.zeros((48, 1)), 0.25))
+    plan = planner.step(x, before)
+    require_honest(plan, x, problem)
+    assert plan.feasible and plan.age == 1
+    assert not plan.trajectory.u[:36].any() and np.all(np.abs(plan.trajectory.u[36:]) == 0.8)
 
 
 NO_STATES: dict[str, Any] = {
@@ -338,17 +378,36 @@ def test_what_is_known_so_far_is_added_to_the_information(planner: Planner, firs
     assert np.abs(knows_wind.trajectory.u - planner.step(x, first).trajectory.u).max() > 1e-3
 
 
+def test_what_is_known_so_far_takes_the_place_of_the_prior_of_draws(planner: Planner):
+    problem = replace(PROBLEM, constraints=(), robust=od.Robust(od.Prior(START, std=STD), samples=4))
+    far, x = Planner(problem, starts=1), START + 1.0
+    information = np.diag(1 / np.square(np.array(STD) / 3))
+    plan = far.step(x, prior=information)
+    draws = od.Robust(od.Prior(x, covariance=np.linalg.inv(information)), samples=4).draws(4, 0)
+    every = od.batch_information(SYSTEM, draws, plan.trajectory.u, PROBLEM.step).sum(axis=1) + information
+    assert plan.value == pytest.approx(min(np.linalg.eigvalsh(W * np.outer(SCALE, SCALE))[0] for W in every), rel=1e-9)
+
+
+def test_what_is_known_so_far_takes_the_place_of_the_prior_of_a_posterior():
+    psd, information = (1e-4, 1e-4, 1e-5, 1e-6, 1e-6), np.diag(1 / np.square(np.array(STD) / 3))
+    problem = replace(
+        PROBLEM, duration=6.0, path=od.PiecewiseConstant(4), constraints=(), criterion=od.Posterior(od.Prior(START, std=STD), psd)
+    )
+    plan = Planner(problem, starts=1).step(START, prior=information)
+    J = od.posterior_information(SYSTEM, plan.trajectory, od.Prior(START, covariance=np.linalg.inv(information)), psd)[-2]
+    assert plan.value == pytest.approx(np.linalg.eigvalsh(J * np.outer(SCALE, SCALE))[0], rel=1e-9)
+
+
 @pytest.mark.parametrize(
     "asked",
     [
-        {"criterion": od.Posterior(od.Prior(START, std=STD), (1e-4, 1e-4, 1e-5, 1e-6, 1e-6))},
         {"robust": od.Robust(od.Prior(START, std=STD), samples=3)},
         {"path": od.BSpline(8)},
         {"path": od.DubinsPath("LSR", 1.0)},
         {"floor": od.Floor(6.0, 1e-4), "criterion": od.LogDet()},
         {"prices": (od.Price(od.Effort({"turn_rate": 1.0}), 0.1),), "rates": {"turn_rate": 0.4}},
     ],
-    ids=["posterior", "robust", "spline", "dubins", "floor", "price"],
+    ids=["robust", "spline", "dubins", "floor", "price"],
 )
 def test_whatever_can_be_designed_can_be_planned(asked: dict[str, Any]):
     problem = replace(PROBLEM, duration=6.0, step=0.5, path=od.PiecewiseConstant(6), constraints=(AREA,))
@@ -386,6 +445,20 @@ def test_in_a_mission_the_horizon_shrinks_the_goal_is_reached_and_budgets_are_ke
     assert np.hypot(*np.diff(way, axis=0).T).sum() <= 13.0 * (1 + 1e-5)
     after = planner.step(x, plan)
     assert after.trajectory.steps == 1 and after.time == 12.0
+
+
+def test_in_a_mission_limits_keep_their_times():
+    loiter = od.Loiter((4.0, 0.5), 1.2, 5.0, 7.0)
+    planner = Planner(replace(PROBLEM, constraints=(loiter, AREA)), every=1.0, horizon="shrinking", starts=2)
+    plan, x, states = None, START, [START]
+    for k in range(9):
+        plan = planner.step(x, plan)
+        assert plan.feasible, plan.reason
+        path = od.simulate(SYSTEM, x, plan.trajectory.u[:4], 0.25).x
+        states, x = [*states, *path[1:]], path[-1]
+        assert len(plan.memory.limits) == (2 if k <= 7 else 1)
+    away = np.hypot(*(np.array(states)[:, :2] - loiter.centre).T)
+    assert away[20:29].max() <= 1.2 * (1 + 1e-5)
 
 
 # ---------------------------------------------------------------- refusals, at construction only
@@ -434,8 +507,18 @@ def test_a_few_iterations_a_step_achieve_what_solving_each_step_to_the_end_does(
     for plan in plans:
         require_honest(plan, plan.x0)
         assert plan.feasible, plan.reason
-    to_the_end = loop(replace(planner, iterations=60, enough=1e-9), 15, 1.0)
+    to_the_end = loop(replace(planner, iterations=60, enough=1e-9), 12, 1.0)
     assert np.mean([plan.value for plan in plans]) >= 0.95 * np.mean([plan.value for plan in to_the_end])
+
+
+def test_more_iterations_climb_higher(planner: Planner):
+    """From a straight path one iteration does not find what many do."""
+    straight = planner.step(START, deadline=0.0)
+    once, often, to_the_end = (
+        replace(planner, iterations=count, enough=enough).step(START, straight, elapsed=0.0)
+        for count, enough in ((1, 1e-9), (4, 0.05), (60, 1e-9))
+    )
+    assert once.value < 0.9 * often.value and often.value <= to_the_end.value * (1 + 1e-3)
 
 
 @pytest.mark.slow
@@ -459,15 +542,13 @@ PRIOR = od.Prior(START, std=(1.0, 1.0, 0.2, 0.3, 0.3))
 @pytest.fixture(scope="module")
 def flights() -> list[Flight]:
     problem = replace(PROBLEM, constraints=(), step=0.5, path=od.PiecewiseConstant(8))
-    return [fly(problem, PRIOR, every=1.5, duration=24.0, disturbance_psd=PSD, seed=seed) for seed in range(6)]
+    return [fly(problem, PRIOR, every=3.0, duration=24.0, disturbance_psd=PSD, seed=seed) for seed in range(4)]
 
 
 def test_the_filter_in_the_loop_is_honest(flights: list[Flight]):
-    """The NEES averaged over flights and the later half, in a generous band; its instants are not independent."""
-    for each in (flights, [flight.straight for flight in flights]):
-        average = np.mean([flight.nees[24:] for flight in each])
-        low, high = chi2.ppf([1e-4, 1 - 1e-4], 5 * len(flights)) / len(flights)
-        assert low <= average <= high
+    """The NEES averaged over flights and the later half, in a generous band, as its instants are not independent."""
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 5 * len(flights)) / len(flights)
+    assert low <= np.mean([flight.nees[24:] for flight in flights]) <= high
 
 
 def test_the_wind_is_estimated_better_than_on_the_straight_flight(flights: list[Flight]):
@@ -486,14 +567,14 @@ def test_both_flights_are_of_the_same_world(flights: list[Flight]):
         assert not straight.u.any() and straight.straight is None and straight.statuses == ()
         # constant wind moves by the process noise alone, which is the same
         np.testing.assert_allclose(flight.truth[:, 3:], straight.truth[:, 3:], atol=1e-12)
-        assert len(flight.statuses) == len(flight.values) == len(flight.ages) == len(flight.seconds) == len(flight.feasible) == 16
+        assert len(flight.statuses) == len(flight.values) == len(flight.ages) == len(flight.seconds) == len(flight.feasible) == 8
         assert flight.t.shape == (49,) and flight.u.shape == (48, 1) and flight.margin == np.inf
     assert len({flight.truth.tobytes() for flight in flights}) == len(flights)
 
 
 def test_the_same_seed_gives_the_same_flight(flights: list[Flight]):
     problem = replace(PROBLEM, constraints=(), step=0.5, path=od.PiecewiseConstant(8))
-    again = fly(problem, PRIOR, every=1.5, duration=24.0, disturbance_psd=PSD, seed=2)
+    again = fly(problem, PRIOR, every=3.0, duration=24.0, disturbance_psd=PSD, seed=2)
     for name in ("t", "truth", "mean", "std", "u", "nees", "values", "ages", "statuses", "feasible"):
         assert np.asarray(getattr(again, name)).tobytes() == np.asarray(getattr(flights[2], name)).tobytes() or name == "statuses"
     assert again.statuses == flights[2].statuses
@@ -502,12 +583,14 @@ def test_the_same_seed_gives_the_same_flight(flights: list[Flight]):
 def test_the_first_plan_of_a_flight_counts_the_prior_once(flights: list[Flight]):
     problem = replace(PROBLEM, constraints=(), step=0.5, path=od.PiecewiseConstant(8))
     flight = flights[0]
-    plan = Planner(problem, every=1.5).step(flight.mean[0], prior=PRIOR.information)
+    plan = Planner(problem, every=3.0).step(flight.mean[0], prior=PRIOR.information)
     assert flight.values[0] == pytest.approx(plan.value, rel=1e-6)
+    np.testing.assert_allclose(flight.u[:6], plan.trajectory.u[:6], atol=1e-6)
 
 
-def test_where_all_is_linear_the_filter_in_the_loop_knows_what_the_bound_allows():
-    """Kalman's filter, whose covariance no data and no path change."""
+@pytest.fixture(scope="module")
+def cart() -> od.DesignProblem:
+    """Place and speed of a cart that is pushed; its place is measured: Kalman's filter, whose covariance no path changes."""
     x = ca.SX.sym("x", 2)
     known: dict[str, ca.SX] = {"push": ca.vertcat(0.0, 1.0)}
     system = od.ControlAffineSystem(
@@ -520,15 +603,41 @@ def test_where_all_is_linear_the_filter_in_the_loop_knows_what_the_bound_allows(
         sigmas={"place": 0.5},
     )
     bounds = {"push": (-1.0, 1.0)}
-    problem = od.DesignProblem(system=system, start=(0.0, 1.0), duration=4.0, step=0.5, path=od.PiecewiseConstant(4), bounds=bounds)
-    n, m = 2, 1
-    prior, psd = od.Prior(np.zeros(n), std=np.full(n, 2.0)), np.full(n, 0.01)
-    flight = fly(problem, prior, every=1.0, duration=6.0, disturbance_psd=psd, seed=3)
-    path = od.simulate(system, flight.truth[0], np.zeros((12, m)), 0.5)
-    J = od.posterior_information(system, path, prior, psd)
-    expected = np.sqrt(np.diagonal(np.linalg.inv(J), axis1=1, axis2=2))
+    return od.DesignProblem(system=system, start=(0.0, 1.0), duration=4.0, step=0.5, path=od.PiecewiseConstant(4), bounds=bounds)
+
+
+CART_PRIOR, CART_PSD = od.Prior(np.zeros(2), std=(2.0, 2.0)), (0.01, 0.02)
+
+
+def test_where_all_is_linear_the_filter_in_the_loop_knows_what_the_bound_allows(cart: od.DesignProblem):
+    flight = fly(cart, CART_PRIOR, every=1.0, duration=6.0, disturbance_psd=CART_PSD, seed=3)
+    path = od.simulate(cart.system, np.zeros(2), np.zeros((12, 1)), 0.5)
+    J = od.posterior_information(cart.system, path, CART_PRIOR, CART_PSD)
     for each in (flight, flight.straight):
-        np.testing.assert_allclose(each.std, expected, rtol=1e-9)
+        np.testing.assert_allclose(each.std, np.sqrt(np.diagonal(np.linalg.inv(J), axis1=1, axis2=2)), rtol=1e-9)
+
+
+def test_where_all_is_linear_errors_are_as_the_filter_says(cart: od.DesignProblem):
+    """At every instant the NEES of 100 flights averages to n = 2, to within what chance allows once in a thousand times."""
+    factor = flying.noise_factor(CART_PSD, 2, cart.step)
+    estimator = flying.ExtendedKalmanFilter(cart.system, cart.step, factor @ factor.T)
+    worlds = [flying._world(cart, CART_PRIOR, None, factor, 12, seed) for seed in range(100)]
+    flights = [flying._flown(flying._Scene(cart, CART_PRIOR, estimator, world), lambda *_: np.ones(1)) for world in worlds]
+    average = np.mean([flight.nees for flight in flights], axis=0)
+    low, high = chi2.ppf([5e-4 / 13, 1 - 5e-4 / 13], 200) / 100
+    assert np.all((low < average) & (average < high))
+
+
+def test_correlated_noise_and_constant_errors_are_those_of_the_sensors():
+    gps = od.GPS(2.0, correlation=0.8, bias_floor=1.5)
+    problem = replace(PROBLEM, system=od.System(od.Dubins(1.0, wind="constant"), (gps,)), constraints=())
+    white, due = np.random.default_rng(0).standard_normal((20002, 2)), np.ones((20000, 2), dtype=bool)
+    due[1::2] = False  # a sample every other step
+    error, constant = flying._coloured(problem, white, due)
+    sampled = error[::2]
+    np.testing.assert_allclose(sampled.std(axis=0), 1.0, atol=0.05)
+    np.testing.assert_allclose((sampled[1:] * sampled[:-1]).mean(axis=0), 0.8, atol=0.06)
+    np.testing.assert_array_equal(constant, np.tile(1.5 * white[1], (20000, 1)))
 
 
 def test_a_flight_tells_how_near_the_truth_came_to_its_limits():

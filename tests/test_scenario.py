@@ -14,6 +14,12 @@ import numpy as np
 import pytest
 
 import obsdesign as od
+import obsdesign.constraints
+import obsdesign.costs
+import obsdesign.criteria
+import obsdesign.paths
+from obsdesign.families import kinds
+from obsdesign.scenario.schema import DesignTable
 from obsdesign.study.problem import problem_of
 
 SCENARIOS = sorted((Path(__file__).parent.parent / "scenarios").glob("*.toml"))
@@ -315,6 +321,16 @@ def test_the_published_schema_refuses_what_the_program_refuses(change, tmp_path)
     (tmp_path / "scenario.toml").write_text(changed(change))
     with pytest.raises(od.ScenarioError):
         od.load_scenario(tmp_path / "scenario.toml")
+
+
+def test_the_readme_names_every_kind_and_every_key_of_the_design():
+    readme = (SCENARIOS[0].parent.parent / "README.md").read_text()
+    for package in (obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.criteria):
+        assert [kind for kind in kinds(package) if f"`{kind}`" not in readme] == []
+    for name in (file.stem for file in SCENARIOS):
+        assert f"(scenarios/{name}.toml)" in readme
+    keys = set(DesignTable.model_fields) - {"path", "bounds", "rates", "constraints", "prices", "budgets", "starts", "suites"}
+    assert [key for key in keys if f"`{key}`" not in readme] == []
 
 
 def test_loading_a_scenario_loads_no_heavy_library():

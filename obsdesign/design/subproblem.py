@@ -129,7 +129,7 @@ def _settings(tolerance: float, careful: bool) -> Any:  # noqa: ANN401
     settings.verbose = False
     settings.max_iter = 60
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    settings.presolve_enable = settings.chordal_decomposition_enable = settings.iterative_refinement_enable = careful
+    settings.presolve_enable = settings.chordal_decomposition_enable = careful
     return settings
 
 

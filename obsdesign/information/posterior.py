@@ -19,7 +19,7 @@ from obsdesign.packing import packed, symmetric
 from obsdesign.prior import Prior
 from obsdesign.scan import Scan
 from obsdesign.simulation import held_along
-from obsdesign.step import CACHED, Step, step_of
+from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
 _UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding
@@ -139,26 +139,6 @@ def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
     return ca.vertcat(*rows)
 
 
-def posterior_step(model: Model, step: float, disturbance: Disturbance) -> ca.Function:
-    """Return (carry before the samples of t_k, x_k, u_k, active (S,)) -> (carry before those of t_k+1, R after those of t_k) at w = 0.
-
-    The carry is (T, rounding): T'T the information, T and R column by column; see `Root`.
-    """
-    one = step_of(model, step).without_disturbance()
-    carry, weights, results = _step(one, model, disturbance)
-    return ca.Function("posterior", [carry, one.x, one.u, weights], results)
-
-
-def _step(one: Step, model: Model, disturbance: Disturbance) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
-    """Return the carry, who is active, and what becomes of them: the next carry, R."""
-    n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
-    T, rounding = ca.SX.sym("T", n, n), ca.SX.sym("rounding", n)
-    known = Root(T, rounding).with_rows(_sample_rows(model, weights))
-    later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
-    carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
-    return ca.vertcat(ca.vec(T), rounding), weights, [carry_next, ca.vec(ca.densify(known.T))]
-
-
 def posterior_start(prior: Prior) -> np.ndarray:
     """Return the carry (n n + n,) before the samples of t_0."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
@@ -167,9 +147,16 @@ def posterior_start(prior: Prior) -> np.ndarray:
 
 @lru_cache(CACHED)
 def _forward(model: Model, step: float, disturbance: Disturbance) -> Scan:
-    one = step_of(model, step)
-    carry, weights, (carry_next, R) = _step(one, model, disturbance)
-    return Scan(carry, [one.x, one.held, weights], carry_next, [R])
+    """Carry before the samples of t_k, rows x_k, (u, w)_k, active (S,) -> carry before those of t_k+1; result: R after those of t_k.
+
+    The carry is (T, rounding): T'T the information, T and R column by column; see `Root`.
+    """
+    one, n = step_of(model, step), len(model.states)
+    T, rounding, weights = ca.SX.sym("T", n, n), ca.SX.sym("rounding", n), ca.SX.sym("active", len(model.channels))
+    known = Root(T, rounding).with_rows(_sample_rows(model, weights))
+    later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
+    carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
+    return Scan(ca.vertcat(ca.vec(T), rounding), [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T))])
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
