@@ -281,7 +281,7 @@ def test_windows_of_a_floor_begin_every_half_of_their_length_and_the_last_one_en
 
 
 def random_model(seed: int) -> Model:
-    """Three cones of t (the second of another one where there are two), one with a share of the slack, rows and bounds; hard rows if asked."""
+    """Three cones of t (the second of another where there are two), one with a share of the slack, rows and bounds; hard rows if asked."""
     random = np.random.default_rng(seed)
     q, kinds = 5, seed % 4  # 0: no t; 1: one t; 2: two; 3: one with hard rows
     T = (0, 1, 2, 1)[kinds]
@@ -585,7 +585,7 @@ def test_the_worst_or_the_mean_of_several_matrices_is_judged():
 
 
 def lifted(problem: od.DesignProblem) -> tuple[ca.Function, ca.Function]:
-    """S (W + known) S of parameters, all steps in one graph: its matrix, and IPOPT on max t, S W S / c - t I = L L', L lower, diagonal >= 0."""
+    """S (W + known) S of parameters, in one graph: its matrix, and IPOPT on max t, S W S / c - t I = L L', L lower, diagonal >= 0."""
     model, grid = problem.system.model, problem.grid
     one, n = step_of(model, problem.step).without_disturbance(), len(model.states)
     Phi_now = ca.SX.sym("Phi", n, n)
