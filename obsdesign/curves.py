@@ -105,10 +105,8 @@ def shortest_through(start: Pose, points: Sequence[Sequence[float]], end: Place 
         raise InputError("points: must be at least one where there is no end")
     via = np.array([place[:2] for place in places[:-1]]).reshape(-1, 2)
     outer = _numbers("start", start, 3), places[-1]
-    route = np.vstack([outer[0][:2], via, outer[1][:2]])
-    bearings = np.arctan2(*np.diff(route, axis=0).T[::-1])
     spacing = 2 * np.pi / _HEADINGS
-    tried = [np.append(spacing * np.arange(_HEADINGS), np.mod(pair, 2 * np.pi)) for pair in pairwise(bearings)]
+    tried = [spacing * np.arange(_HEADINGS)] * len(via)
     best = _best(outer, via, tried, radius, _BASINS)
     while spacing > _FINEST:
         tried = [np.ravel(headings[:, None] + np.linspace(-spacing, spacing, _NEAR)) for headings in best]

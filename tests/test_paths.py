@@ -250,6 +250,35 @@ def test_what_lies_on_one_arc_or_one_straight_needs_no_more(seed: int):
     np.testing.assert_allclose(length(start, end[:2], radius), part.length, atol=tolerance)
 
 
+@some
+@given(seed=seeds)
+def test_a_scrap_of_straight_before_or_behind_an_arc_adds_no_turn(seed: int):
+    """The direction of the straight is lost in rounding then, its end and the heading there are not."""
+    random = np.random.default_rng(seed)
+    start, letter = random_pose(random, 3), random.choice(["L", "R"])
+    arc, scrap = random.uniform(0.01, 2.5), 10 ** random.uniform(-9, -4)
+    for word, parts in (("S" + letter, (scrap, arc)), (letter + "S", (arc, scrap))):
+        assert length(start, flown(Curve(word, parts, 1.0), start)) <= arc + scrap + 1e-9
+
+
+@some
+@given(seed=seeds)
+def test_on_an_arc_the_word_that_begins_and_ends_with_it_is_the_arc(seed: int):
+    """LSL and RSR alike, with no straight of some direction between two arcs, and nothing at all where start and end agree."""
+    random = np.random.default_rng(seed)
+    start, angle = random_pose(random, 3), random.uniform(0.01, 6.2)
+    for letter in "LR":
+        end = flown(Curve(letter, (angle,), 1.0), start)
+        for goal, expected in (
+            (end, angle),
+            (start, 0.0),
+            (start + np.array([0, 0, 4 * EPS]), 0.0),
+            (start - np.array([0, 0, 4 * EPS]), 0.0),
+        ):
+            (same,) = (curve for curve in curves(start, goal, 1.0) if curve.word == letter + "S" + letter)
+            np.testing.assert_allclose(same.length, expected, atol=1e-9)
+
+
 @few
 @given(seed=seeds)
 def test_a_free_heading_is_the_best_of_all_headings(seed: int):
@@ -347,6 +376,22 @@ def test_a_chain_passes_the_points_and_is_no_longer_than_brute_force(vias: int, 
         assert total <= brute + 1e-9
         # headings within half a grid step of the best: lengths change by a few radii per radian
         assert total >= brute - 4 * vias * TURN / headings
+
+
+@few
+@given(seed=seeds)
+def test_a_chain_is_no_longer_with_headings_nearby_nor_on_a_fine_grid(seed: int):
+    """All of 5-degree steps were tried; finer ones may find valleys between them, which are shallow."""
+    random = np.random.default_rng(seed)
+    start, via, end = random_pose(random, 1), random.uniform(-2, 2, 2), random_pose(random, 2)
+    chain = shortest_through(start, [via], end, radius=1.0)
+    total, heading = sum(curve.length for curve in chain), flown(chain[0], start)[2]
+
+    def through(angle: float) -> float:
+        return length(start, (*via, angle)) + length((*via, angle), end)
+
+    assert all(total <= through(heading + change) + 1e-8 for change in (-1e-3, -1e-5, 1e-5, 1e-3))
+    assert total <= min(through(angle) for angle in np.linspace(0, TURN, 240)) + 0.02
 
 
 def test_a_chain_through_points_in_line_is_straight_and_without_points_is_one_curve():

@@ -517,6 +517,21 @@ def test_a_flight_that_misses_the_goal_by_three_metres_says_so(rover):
         assert f"misses the goal by {rounded(beyond)}{NARROW}m" in said
 
 
+def test_a_point_to_pass_is_met_if_the_flight_passes_it_once_in_its_time(rover):
+    truth = rover.flight.truth.copy()
+    truth[:, 0], truth[:, 1] = np.arange(len(truth)), 0.0
+    flown = replace(rover.flight, truth=truth)
+
+    def passing(via):
+        design = rover.scenario.design.model_copy(update={"constraints": (via,)})
+        return broken(replace(rover, scenario=rover.scenario.model_copy(update={"design": design})), flown)
+
+    assert passing(od.Via((5.0, 0.0), 0.5)) == ()
+    assert passing(od.Via((5.0, 0.0), 0.5, first=4.0, last=6.0)) == ()
+    (late,) = passing(od.Via((5.0, 0.0), 0.5, first=7.0))
+    assert (late.time, late.by) == (7.0, pytest.approx(1.5, rel=1e-5))
+
+
 def test_a_flight_that_ends_at_the_goal_arrives(rover):
     truth = rover.flight.truth.copy()
     truth[-1, :2] = rover.scenario.design.constraints[0].point

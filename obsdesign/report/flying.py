@@ -7,8 +7,8 @@ from collections import Counter
 import numpy as np
 
 from obsdesign.calculus import wrap_columns
-from obsdesign.constraints.abstract import AT_END, AbstractConstraint
-from obsdesign.design.limits import Shortfall
+from obsdesign.constraints.abstract import ALWAYS, AT_END, AbstractConstraint
+from obsdesign.design.limits import Shortfall, nodes_within
 from obsdesign.design.nodes import nodes_of
 from obsdesign.flight import Flight
 from obsdesign.report import facts
@@ -23,7 +23,7 @@ _BETTER = 0.8  # share of the other flight's standard deviation that counts as b
 
 
 def broken(study: Study, flight: Flight) -> tuple[Shortfall, ...]:
-    """Return the limits that the true states broke at the nodes of a flight, worst first; those of its end only where it is the plans'."""
+    """Return the limits that the true states broke at the nodes of a flight, worst first; those of certain times where they are its own."""
     return tuple(sorted((each for each in _lowest(study, flight) if each.margin < 0), key=lambda each: each.margin))
 
 
@@ -41,20 +41,19 @@ def _lowest(study: Study, flight: Flight) -> list[Shortfall]:
     values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
     found = []
     for i, limit in enumerate(limits):
-        lowest = values[:, owner == i].min(axis=1)
-        k = len(lowest) - 1 if limit.span == AT_END else int(lowest.argmin())
+        lowest, within = values[:, owner == i].min(axis=1), nodes_within(limit, len(flight.u), study.scenario.time.step)
+        k = int(within[lowest[within].argmax() if limit.span.anywhere else lowest[within].argmin()])
         size, unit = limit.size
         found.append(Shortfall(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
     return found
 
 
 def _counts(study: Study, limit: AbstractConstraint) -> bool:
-    always = limit.span.first == 0.0 and limit.span.last is None and not limit.span.anywhere
-    return always or (limit.span == AT_END and ends_with_the_plans(study))
+    return limit.span == ALWAYS or ends_with_the_plans(study)
 
 
 def ends_with_the_plans(study: Study) -> bool:
-    """Whether the flight ends when the last plan does, so that what is asked of the end is asked of the flight."""
+    """Whether the flight ends when its plans do, so that what is asked of their end and of certain times is asked of the flight."""
     asked = study.scenario.flight
     return asked is not None and asked.horizon == "shrinking" and asked.duration == study.scenario.time.duration
 
