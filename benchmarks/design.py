@@ -6,7 +6,9 @@ import multiprocessing
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from cProfile import Profile
 from functools import partial
+from pstats import Stats
 from subprocess import run
 from time import perf_counter
 
@@ -38,6 +40,7 @@ def main() -> None:
             *_section("A goal and an obstacle", goal_and_obstacle(pool)),
             *_section("Range, bearing and compass", range_and_bearing(pool)),
             *_section("Against scipy", against_scipy()),
+            *_section("Where the time goes", where_time_goes()),
             *_section("Growth", growth(pool)),
             *_section("In flight", in_flight()),
         ]
@@ -192,6 +195,33 @@ def against_scipy() -> list[str]:
         "",
         table(("optimiser", "best value", "s", "times ours", ""), rows),
     ]
+
+
+# what is told apart in a profile: file and function, and what it is
+_PARTS = {
+    ("local.py", "local_at"): "slopes, second derivatives and convex part of a model",
+    ("subproblem.py", "minimised"): "convex programs, Clarabel and its matrices",
+    ("local.py", "sharpened"): "Newton's step on what is active",
+    ("scene.py", "at"): "values and merits",
+}
+
+
+def where_time_goes() -> list[str]:
+    """Shares of one start of the mission, coarse to fine, by the profiler."""
+    problem = mission()
+    start = random_starts(problem, 1)[0]
+    _timed(problem, start, coarse=True)
+    profile = Profile()
+    found = profile.runcall(_timed, problem, start, coarse=True)[1]
+    stats = Stats(profile)
+    rows = []
+    for (file, function), what in _PARTS.items():
+        hits = [value for key, value in stats.stats.items() if key[0].endswith(f"design/{file}") and key[2] == function]  # pyright: ignore
+        rows.append((what, sum(hit[0] for hit in hits), f"{sum(hit[3] for hit in hits) / stats.total_tt:.0%}"))  # pyright: ignore
+    text = (
+        f"One start of the mission, {found.iterations} iterations through 10 and 40 pieces. The rest is choosing, and the profiler itself."
+    )
+    return [text, "", table(("", "calls", "share"), rows)]
 
 
 def growth(pool: Executor) -> list[str]:
