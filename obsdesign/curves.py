@@ -276,7 +276,7 @@ def _to_point(z: np.ndarray, slack: float) -> tuple[np.ndarray, ...]:
 
 def _leg(z: np.ndarray, other: int, slack: float) -> np.ndarray:
     """sqrt(|z - other i|^2 - other^2), without cancellation near z = 0; NaN where that is imaginary by more than rounding."""
-    squared = np.abs(z) ** 2 - 2 * other * z.imag
+    squared = np.abs(z) ** 2 - 2 * other * np.imag(z)
     return np.where(squared >= -2 * other * slack, np.sqrt(np.maximum(squared, 0)), np.nan)
 
 
