@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.checks import require_count
+from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.status import Status
 
@@ -15,9 +16,18 @@ from obsdesign.status import Status
 class Schedule:
     """Which sensors are on in which segment: chosen (K, S) bool, and how good that is.
 
-    value = lambda_min(sum of the chosen blocks); bound >= value of every schedule; root_bound = UB(dual) >= bound;
-    gap = 1 - value / bound; dual Z (n, n) >= 0 with trace 1; fractional: segments the relaxation leaves undecided.
-    All are recomputed with NumPy; NaN where the solver gave no answer.
+    value = criterion(W), W the sum of the chosen blocks (the worst W where sensors may be lost), less what switching costs;
+    bound >= value of every schedule that keeps the rules; gap = 1 - value / bound (bound - value for a criterion like log det, whose
+    differences count; relative to |bound| where that is negative). Status OPTIMAL: the gap is closed; GAP_OPEN: it is not.
+
+    root_bound = UB(dual) >= bound, in closed form: criterion(W) <= <W, dual> + offset for every W, hence
+    UB = offset + prices'limits + max over schedules of (sum <W_ks, dual> - prices'usage - switching). For a smallest eigenvalue dual is
+    any Z >= 0 with trace 1 and offset is 0: <W, Z> >= lambda_min(W). dual (n, n): what the last bit of information is worth, by
+    direction; (R, n, n), one for each set of lost sensors, with robust_to. prices (resources,): what one more unit of a budget is worth.
+
+    forced_on, forced_off (K, S): how much the root bound falls when a sensor is forced on, or off, in a segment; inf: impossible.
+    fractional: segments that the relaxation leaves undecided. nodes: partial schedules that the proof looked at. notes: what went
+    otherwise than planned. All values are recomputed with NumPy; NaN where there is no answer.
     """
 
     chosen: np.ndarray
@@ -26,8 +36,14 @@ class Schedule:
     root_bound: float
     gap: float
     dual: np.ndarray
+    offset: float
+    prices: np.ndarray
+    forced_on: np.ndarray
+    forced_off: np.ndarray
     fractional: int
+    nodes: int
     status: Status
+    notes: tuple[str, ...] = ()
 
 
 def information_of(blocks: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -35,9 +51,10 @@ def information_of(blocks: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return np.einsum("ks,ksij->ij", np.asarray(chosen, dtype=float), blocks)
 
 
-def schedule_value(blocks: np.ndarray, chosen: np.ndarray) -> float:
-    """lambda_min of a schedule's information."""
-    return float(np.linalg.eigvalsh(information_of(blocks, chosen))[0])
+def schedule_value(blocks: np.ndarray, chosen: np.ndarray, criterion: AbstractCriterion | None = None) -> float:
+    """The criterion of a schedule's information; None: lambda_min."""
+    W = information_of(blocks, chosen)
+    return float(np.linalg.eigvalsh(W)[0]) if criterion is None else criterion.value(W)
 
 
 def worth(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
@@ -51,19 +68,6 @@ def upper_bound(blocks: np.ndarray, Z: np.ndarray, per_segment: int = 1) -> floa
     return float(largest.sum())
 
 
-def best_for(blocks: np.ndarray, Z: np.ndarray, per_segment: int = 1) -> np.ndarray:
-    """Return the schedule (K, S) that is best in the direction of Z."""
-    return largest_per_row(worth(blocks, Z), per_segment)
-
-
-def largest_per_row(score: np.ndarray, count: int) -> np.ndarray:
-    """Return (K, S) bool with the `count` largest scores of each row; the first of equals."""
-    order = np.argsort(-score, axis=1, kind="stable")[:, :count]
-    chosen = np.zeros(score.shape, dtype=bool)
-    np.put_along_axis(chosen, order, True, axis=1)
-    return chosen
-
-
 def require_blocks(blocks: np.ndarray, per_segment: int) -> np.ndarray:
     """Return blocks as a symmetric float array (K, S, n, n) or raise InputError saying which block is wrong and by how much."""
     array = np.array(blocks, dtype=float)
@@ -74,12 +78,21 @@ def require_blocks(blocks: np.ndarray, per_segment: int) -> np.ndarray:
         k, s = np.argwhere(~np.isfinite(array))[0][:2]
         raise InputError(f"blocks[{k}, {s}] is not finite")
     size = np.abs(array).max(axis=(2, 3))
-    skew = np.abs(array - array.swapaxes(2, 3)).max(axis=(2, 3))
-    lowest = np.linalg.eigvalsh((array + array.swapaxes(2, 3)) / 2)[..., 0]
-    for what, excess in (("symmetric: it differs from its transpose by", skew), ("positive semidefinite: its eigenvalue is", -lowest)):
-        wrong = excess > 1e-9 * np.maximum(size, np.finfo(float).tiny)
-        if wrong.any():
-            k, s = np.argwhere(wrong)[0]
-            sign = -1 if "eigenvalue" in what else 1
-            raise InputError(f"blocks[{k}, {s}] is not {what} {sign * excess[k, s]:.3g} (largest entry {size[k, s]:.3g})")
-    return (array + array.swapaxes(2, 3)) / 2
+    turned = array.swapaxes(2, 3)
+    symmetric = (array + turned) / 2
+    skew = np.abs(array - turned).max(axis=(2, 3))
+    _refuse(skew, skew, size, "symmetric: it differs from its transpose by")
+    try:  # a factor takes a fifth of the time of eigenvalues, which only a message needs
+        allowed = 1e-9 * np.maximum(size, np.finfo(float).tiny)
+        np.linalg.cholesky(symmetric + allowed[:, :, None, None] * np.eye(array.shape[2]))
+    except np.linalg.LinAlgError:
+        lowest = np.linalg.eigvalsh(symmetric)[..., 0]
+        _refuse(-lowest, lowest, size, "positive semidefinite: its eigenvalue is")
+    return symmetric
+
+
+def _refuse(excess: np.ndarray, shown: np.ndarray, size: np.ndarray, what: str) -> None:
+    wrong = excess > 1e-9 * np.maximum(size, np.finfo(float).tiny)
+    if wrong.any():
+        k, s = np.argwhere(wrong)[0]
+        raise InputError(f"blocks[{k}, {s}] is not {what} {shown[k, s]:.3g} (largest entry {size[k, s]:.3g})")

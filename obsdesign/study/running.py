@@ -15,7 +15,7 @@ from obsdesign.design.shaping import design_trajectory
 from obsdesign.flight import Flight, fly
 from obsdesign.scenario.schema import DESIGNED, Scenario
 from obsdesign.selection.naive import always, at_random, round_robin
-from obsdesign.selection.relaxation import select_sensors
+from obsdesign.selection.selecting import select_sensors
 from obsdesign.selection.schedule import schedule_value
 from obsdesign.study.candidates import candidates_of
 from obsdesign.study.problem import problem_of, start_of

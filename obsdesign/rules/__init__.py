@@ -1,0 +1,1 @@
+"""What a schedule of sensors must keep to: one file each."""

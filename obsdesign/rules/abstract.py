@@ -1,0 +1,82 @@
+"""What a rule is: what it forbids, what it counts, and what it takes off the value of a schedule."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.checks import require_count, require_known
+from obsdesign.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """What rules know of the segments: the names of the S sensors; t (K+1,) [s], where segments begin and end; positions [m] in each.
+
+    t and tracks, K arrays (., 2), are None where no path is known: rules that need them then raise InputError.
+    """
+
+    names: tuple[str, ...]
+    count: int
+    t: np.ndarray | None = None
+    tracks: tuple[np.ndarray, ...] | None = None
+
+    def sensor(self, rule: object, sensor: str | int) -> int:
+        """Return the index of a sensor given by name or index, or raise InputError."""
+        if isinstance(sensor, str):
+            require_known(f"{rule}: sensors", (sensor,), self.names)
+            return self.names.index(sensor)
+        require_count(f"{rule}: sensor", sensor, least=0, most=len(self.names) - 1)
+        return int(sensor)
+
+    def sensors(self, rule: object, sensors: tuple[str | int, ...] | None) -> tuple[int, ...]:
+        """Return the indices of sensors, None = all of them."""
+        return tuple(range(len(self.names))) if sensors is None else tuple(self.sensor(rule, sensor) for sensor in sensors)
+
+
+@dataclass(frozen=True, eq=False)
+class Resource:
+    """sum_k sum_s usage_ks on_ks + sum of start_s over every time that s is switched on <= limit; usage (K, S), start (S,), all >= 0."""
+
+    usage: np.ndarray
+    start: np.ndarray
+    limit: float
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """What a rule says; what it leaves at None it does not touch.
+
+    available (K, S) bool; involved: the sensors that `allowed` looks at, which says of patterns (P, S) bool which may be on
+    together; resource: what is counted; switching (S,): what each switching-on takes off the value; dwell (S,): segments that a
+    sensor stays on at least.
+    """
+
+    available: np.ndarray | None = None
+    involved: tuple[int, ...] = ()
+    allowed: Callable[[np.ndarray], np.ndarray] | None = None
+    resource: Resource | None = None
+    switching: np.ndarray | None = None
+    dwell: np.ndarray | None = None
+
+
+class AbstractRule(ABC):
+    """A rule for schedules. Leaves are final frozen dataclasses, one file each; str() of one is how messages call it."""
+
+    @abstractmethod
+    def terms(self, segments: Segments) -> Terms:
+        """Return what the rule says about these segments, or raise InputError for a sensor or a segment that they do not have."""
+
+
+def each(rule: object, what: str, value: float | dict[str | int, float], segments: Segments) -> np.ndarray:
+    """Return one number >= 0 per sensor (S,) of one for all, or of a table by sensor (0 for those it leaves out)."""
+    table = value if isinstance(value, dict) else dict.fromkeys(range(len(segments.names)), value)
+    found = np.zeros(len(segments.names))
+    for sensor, number in table.items():
+        found[segments.sensor(rule, sensor)] = number
+    if not (np.isfinite(found).all() and (found >= 0).all()):
+        raise InputError(f"{rule}: {what} is {value!r}: every number must be finite and at least 0")
+    return found

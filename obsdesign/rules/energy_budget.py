@@ -1,0 +1,35 @@
+"""An energy, or any other cost, for the whole path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.checks import require_within
+from obsdesign.rules._given import Sensor, as_numbers
+from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms, each
+
+
+@dataclass(frozen=True)
+class EnergyBudget(AbstractRule):
+    """sum_k sum_s cost_s on_ks + sum of start_s over every switching-on <= limit, in any unit.
+
+    cost: per segment that a sensor is on; start: each time it is switched on, also in the first segment. Both one number for every
+    sensor, or a table by sensor (0 for those it leaves out). Raises InputError for numbers that are negative or not finite.
+    """
+
+    limit: float
+    cost: float | dict[Sensor, float]
+    start: float | dict[Sensor, float] = 0.0
+
+    def __post_init__(self) -> None:
+        require_within("energy_budget: limit", self.limit)
+        object.__setattr__(self, "cost", as_numbers("energy_budget: cost", self.cost))
+        object.__setattr__(self, "start", as_numbers("energy_budget: start", self.start))
+
+    def __str__(self) -> str:
+        return f"EnergyBudget of {self.limit:g}"
+
+    def terms(self, segments: Segments) -> Terms:
+        cost, start = each(self, "cost", self.cost, segments), each(self, "start", self.start, segments)
+        usage = cost[None].repeat(segments.count, axis=0)
+        return Terms(resource=Resource(usage, start, float(self.limit)))

@@ -1,0 +1,31 @@
+"""Sensors that disturb each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.rules._given import Sensor, as_sensors, listed
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+
+@dataclass(frozen=True)
+class Exclusive(AbstractRule):
+    """At most one of these sensors is on in a segment. Raises InputError for fewer than two sensors."""
+
+    sensors: tuple[Sensor, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", as_sensors("exclusive: sensors", self.sensors, least=2))
+
+    def __str__(self) -> str:
+        return f"Exclusive: {listed(self.sensors)}"
+
+    def terms(self, segments: Segments) -> Terms:
+        group = segments.sensors(self, self.sensors)
+
+        def allowed(patterns: np.ndarray) -> np.ndarray:
+            return patterns[:, list(group)].sum(axis=1) <= 1
+
+        return Terms(involved=group, allowed=allowed)

@@ -1,0 +1,30 @@
+"""A sensor that may only be used so often."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.checks import require_count
+from obsdesign.rules._given import Sensor
+from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms
+
+
+@dataclass(frozen=True)
+class MaxUses(AbstractRule):
+    """A sensor is on in at most so many segments. Raises InputError unless most is a whole number of at least 0."""
+
+    sensor: Sensor
+    most: int
+
+    def __post_init__(self) -> None:
+        require_count("max_uses: most", self.most, least=0)
+
+    def __str__(self) -> str:
+        return f"MaxUses: {self.sensor} in at most {self.most} segments"
+
+    def terms(self, segments: Segments) -> Terms:
+        usage = np.zeros((segments.count, len(segments.names)))
+        usage[:, segments.sensor(self, self.sensor)] = 1.0
+        return Terms(resource=Resource(usage, np.zeros(len(segments.names)), float(self.most)))

@@ -1,0 +1,35 @@
+"""A sensor that is switched on stays on for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.checks import require_count
+from obsdesign.rules._given import Sensor, as_sensors, listed
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+
+@dataclass(frozen=True)
+class MinimumDwell(AbstractRule):
+    """A sensor that is switched on stays on for at least so many segments, or to the end of the path.
+
+    sensors: by name or index; None = each of them. Raises InputError unless least is a whole number of at least 1.
+    """
+
+    least: int
+    sensors: tuple[Sensor, ...] | None = None
+
+    def __post_init__(self) -> None:
+        require_count("minimum_dwell: least", self.least)
+        if self.sensors is not None:
+            object.__setattr__(self, "sensors", as_sensors("minimum_dwell: sensors", self.sensors))
+
+    def __str__(self) -> str:
+        return f"MinimumDwell: {listed(self.sensors)} for at least {self.least} segments"
+
+    def terms(self, segments: Segments) -> Terms:
+        dwell = np.ones(len(segments.names), dtype=int)
+        dwell[list(segments.sensors(self, self.sensors))] = self.least
+        return Terms(dwell=dwell)

@@ -1,0 +1,34 @@
+"""A sensor that is of no use, or does not work, without another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.errors import InputError
+from obsdesign.rules._given import Sensor
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+
+@dataclass(frozen=True)
+class Requires(AbstractRule):
+    """A sensor is on only in segments in which the other is on too. Raises InputError where both are the same."""
+
+    sensor: Sensor
+    other: Sensor
+
+    def __post_init__(self) -> None:
+        if self.sensor == self.other:
+            raise InputError(f"requires: sensor and other are both {self.sensor!r}: must be two sensors")
+
+    def __str__(self) -> str:
+        return f"Requires: {self.sensor} only with {self.other}"
+
+    def terms(self, segments: Segments) -> Terms:
+        sensor, other = segments.sensor(self, self.sensor), segments.sensor(self, self.other)
+
+        def allowed(patterns: np.ndarray) -> np.ndarray:
+            return patterns[:, other] | ~patterns[:, sensor]
+
+        return Terms(involved=(sensor, other), allowed=allowed)

@@ -1,0 +1,35 @@
+"""Segments in which a sensor does not work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.checks import require_count
+from obsdesign.rules._given import Sensor, listed
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+
+@dataclass(frozen=True)
+class Unavailable(AbstractRule):
+    """A sensor is off in these segments, counted from 0. Raises InputError where the path has no such segment."""
+
+    sensor: Sensor
+    segments: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "segments", tuple(self.segments))
+        for segment in self.segments:
+            require_count("unavailable: segment", segment, least=0)
+
+    def __str__(self) -> str:
+        few = self.segments if len(self.segments) <= 6 else (*self.segments[:5], "...")
+        return f"Unavailable: {self.sensor} in segments {listed(str(each) for each in few)}"
+
+    def terms(self, segments: Segments) -> Terms:
+        for segment in self.segments:
+            require_count(f"{self}: segment", segment, least=0, most=segments.count - 1)
+        available = np.ones((segments.count, len(segments.names)), dtype=bool)
+        available[list(self.segments), segments.sensor(self, self.sensor)] = False
+        return Terms(available=available)

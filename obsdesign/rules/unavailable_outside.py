@@ -1,0 +1,37 @@
+"""A place outside which a sensor does not work: the reach of a beacon."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.checks import as_pair, require_positive
+from obsdesign.errors import InputError
+from obsdesign.rules._given import Sensor
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+from obsdesign.signals import Point
+
+
+@dataclass(frozen=True)
+class UnavailableOutside(AbstractRule):
+    """A sensor is off in every segment that leaves the circle about centre (x, y) [m] with radius [m] > 0."""
+
+    sensor: Sensor
+    centre: Point
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "centre", as_pair("unavailable_outside: centre", self.centre))
+        require_positive("unavailable_outside: radius", self.radius)
+
+    def __str__(self) -> str:
+        return f"UnavailableOutside: {self.sensor} farther than {self.radius:g} m from ({self.centre[0]:g}, {self.centre[1]:g})"
+
+    def terms(self, segments: Segments) -> Terms:
+        if segments.tracks is None:
+            raise InputError(f"{self}: the positions are not known: give select_sensors segments=Segments(..., tracks=...)")
+        far = [np.hypot(*(track - self.centre).T).max() > self.radius for track in segments.tracks]
+        available = np.ones((segments.count, len(segments.names)), dtype=bool)
+        available[far, segments.sensor(self, self.sensor)] = False
+        return Terms(available=available)

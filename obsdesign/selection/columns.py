@@ -1,0 +1,164 @@
+"""Dual column generation: prices, the best schedule for them, which joins the mixture that makes the next prices."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from obsdesign.selection.duals import Dual
+from obsdesign.selection.instance import Instance, matrices
+from obsdesign.selection.master import Column, Mixture, column_of, mixed
+
+_ROUNDS = 400  # column generation ends in 5 to 60 rounds for few states, in some hundred for 15
+_IDLE = 12  # rounds after which a column without a share is dropped ...
+_KEPT = 60  # ... where there are more than so many
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """The relaxation: columns and shares, its value, the best dual and its bound UB(dual), rounds, and every (dual, bound) met."""
+
+    columns: list[Column]
+    shares: np.ndarray
+    value: float
+    dual: Dual
+    bound: float
+    rounds: int
+    met: list[tuple[Dual, float]]
+
+
+def bound_of(instance: Instance, dual: Dual) -> tuple[float, np.ndarray]:
+    """UB(dual), and the schedule that is best for it."""
+    chosen, worth = instance.schedules.best(*instance.prices(dual))
+    return instance.constant(dual) + worth, chosen
+
+
+def priced(instance: Instance, dual: Dual) -> tuple[float, Column]:
+    """UB(dual), and the schedule that is best for it, as a column."""
+    above, chosen = bound_of(instance, dual)
+    return above, column_of(instance, chosen)
+
+
+Oracle = Callable[[Dual], tuple[float, Column]]  # the bound of a dual, and the schedule that attains it
+
+
+def relaxed(
+    instance: Instance, gap: float, first: tuple[Dual, ...] = (), rounds: int = _ROUNDS, oracle: Oracle | None = None
+) -> Relaxed | None:
+    """Return the relaxation to within `gap` of its bound, or None where the solver gives up at once.
+
+    first: duals to begin with; oracle: what schedules there are, default: all that keep the rules.
+    """
+    pool = _Pool(instance, oracle or partial(priced, instance))
+    for dual in first or (_even(instance),):
+        pool.price(dual)
+    mixture, done = None, 0
+    while done < rounds:
+        found = mixed(instance, pool.columns, mixture)
+        if found is None:
+            break
+        mixture, done = found, done + 1
+        # between the best prices and the newest: the newest alone jump about
+        trials = (between(pool.best, mixture.dual), mixture.dual) if np.isfinite(pool.bound) else (mixture.dual,)
+        if not any(pool.price(dual, mixture) for dual in trials) or closed(mixture.value, pool.bound, gap, instance):
+            break
+        mixture = pool.pruned(mixture)
+    if mixture is None:
+        return None
+    count = len(mixture.shares)
+    return Relaxed(pool.columns[:count], mixture.shares, mixture.value, pool.best, pool.bound, done, pool.met)
+
+
+def closed(value: float, bound: float, gap: float, instance: Instance) -> bool:
+    """Whether value and bound are one to within `gap`: relative, or absolute for a criterion whose differences count."""
+    return bound - value <= gap * size_of(bound, instance)
+
+
+def size_of(bound: float, instance: Instance) -> float:
+    """What a gap is a share of."""
+    return 1.0 if instance.criterion.resolution else abs(bound)
+
+
+def between(one: Dual, other: Dual, share: float = 0.5) -> Dual:
+    """Return a mixture of two duals, which is one too."""
+    return Dual(
+        (1 - share) * one.Z + share * other.Z, (1 - share) * one.mu + share * other.mu, (1 - share) * one.offset + share * other.offset
+    )
+
+
+class _Pool:
+    """The columns and duals met so far."""
+
+    def __init__(self, instance: Instance, oracle: Oracle) -> None:
+        self.instance, self.oracle = instance, oracle
+        self.columns: list[Column] = []
+        self.idle: list[int] = []
+        self.met: list[tuple[Dual, float]] = []
+        self.bound = np.inf
+        self.best = _even(instance)
+        self._add_cheapest()
+
+    def price(self, dual: Dual, mixture: Mixture | None = None) -> bool:
+        """Bound by a dual, take its schedule as a column, and say whether the mixture gains from it."""
+        above, column = self.oracle(dual)
+        self.met.append((dual, above))
+        if above < self.bound:
+            self.best, self.bound = dual, above
+        if mixture is not None and not _gains(self.instance, mixture, column):
+            return False
+        self._add(column)
+        return True
+
+    def pruned(self, mixture: Mixture) -> Mixture:
+        """Drop the columns that have had no share for long."""
+        used = mixture.shares > 1e-9
+        self.idle[: len(used)] = [0 if each else count + 1 for each, count in zip(used, self.idle, strict=False)]
+        most = max(_KEPT, 2 * self.instance.rows.shape[2])
+        if len(self.columns) <= most:
+            return mixture
+        stay = np.array(self.idle) <= _IDLE
+        shares = mixture.shares[stay[: len(mixture.shares)]]
+        self.columns = [column for column, kept in zip(self.columns, stay, strict=True) if kept]
+        self.idle = [count for count, kept in zip(self.idle, stay, strict=True) if kept]
+        return Mixture(shares / shares.sum(), mixture.value, mixture.dual, mixture.multipliers)
+
+    def _add_cheapest(self) -> None:
+        """The schedule that takes least of the resources, so that there is a mixture within the limits; and some that see a state."""
+        instance = self.instance
+        if instance.resources:
+            least = Dual(np.zeros((len(instance.kept), instance.n, instance.n)), 1 / np.maximum(instance.limits, 1e-9), 0.0)
+            self._add(self.oracle(least)[1])
+        if not instance.criterion.is_smallest_eigenvalue:
+            # a criterion that is -inf where one state is unseen needs somebody to look at each
+            Z = np.zeros((len(instance.kept), instance.n, instance.n))
+            for i in range(instance.n):
+                axis = Z.copy()
+                axis[:, i, i] = 1.0
+                self._add(self.oracle(Dual(axis, np.zeros(len(instance.resources)), 0.0))[1])
+
+    def _add(self, column: Column) -> None:
+        self.columns.append(column)
+        self.idle.append(0)
+
+
+def _gains(instance: Instance, mixture: Mixture, column: Column) -> bool:
+    dual = mixture.dual
+    worth = float(np.sum(column.W * dual.Z)) - float(dual.mu @ column.usage) - column.penalty + instance.constant(dual)
+    return worth > mixture.value + 1e-13 * max(size_of(mixture.value, instance), np.finfo(float).tiny)
+
+
+def _even(instance: Instance) -> Dual:
+    """No direction dearer than another, in units in which all sensors together know as much of each state."""
+    everything = np.stack([instance.rows[:, s].sum(axis=0) for s in range(instance.shape[1])])
+    total = np.maximum(np.diagonal(matrices(instance.kept @ everything, instance.n), axis1=1, axis2=2), np.finfo(float).tiny)
+    Z = np.stack([np.diag(1 / row) for row in total])
+    Z /= np.trace(Z.sum(axis=0))
+    if instance.criterion.is_smallest_eigenvalue:
+        return Dual(Z, np.zeros(len(instance.resources)), 0.0)
+    W = np.stack([np.diag(row) for row in total])
+    slopes = np.stack([instance.criterion.slope(each) for each in W]) / len(W)
+    offset = float(np.mean([instance.criterion.value(each) for each in W])) - float(np.sum(slopes * W))
+    return Dual(slopes, np.zeros(len(instance.resources)), offset)

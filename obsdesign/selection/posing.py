@@ -1,0 +1,127 @@
+"""From blocks and rules to a problem that methods work on; what cannot be meant is refused here."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import comb
+
+import numpy as np
+
+from obsdesign.checks import require_count
+from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.errors import InputError
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+from obsdesign.selection.chain import Chain
+from obsdesign.selection.groups import Groups
+from obsdesign.selection.instance import Instance, vectors
+from obsdesign.selection.top import Top
+
+_MOST_PATTERNS = 50_000
+
+
+def posed(
+    blocks: np.ndarray,
+    per_segment: int,
+    rules: tuple[AbstractRule, ...],
+    criterion: AbstractCriterion,
+    robust_to: int,
+    segments: Segments | None,
+) -> Instance:
+    """Return the problem of checked blocks (K, S, n, n), or raise InputError for rules that leave no choice."""
+    K, S, n, _ = blocks.shape
+    known = segments or Segments(tuple(f"sensor {s}" for s in range(S)), K)
+    if (known.count, len(known.names)) != (K, S):
+        raise InputError(f"segments has {known.count} segments of {len(known.names)} sensors: the blocks have {K} of {S}")
+    if criterion.knowledge is not None:
+        raise InputError(f"criterion is {type(criterion).__name__}: its information is no sum over sensors, so no schedule is best for it")
+    require_count("robust_to", robust_to, least=0, most=S - 1)
+    terms = [rule.terms(known) for rule in rules]
+    schedules = _schedules(terms, rules, per_segment, known)
+    resources = tuple(each.resource for each in terms if each.resource is not None)
+    _require_room(terms, rules, schedules.available)
+    switching = np.sum([np.zeros(S), *(each.switching for each in terms if each.switching is not None)], axis=0)
+    lost = list(combinations(range(S), robust_to))
+    kept = np.ones((len(lost), S))
+    for row, each in zip(kept, lost, strict=True):
+        row[list(each)] = 0.0
+    return Instance(np.ascontiguousarray(vectors(blocks)), n, criterion, schedules, resources, switching, kept)
+
+
+def _schedules(terms: list[Terms], rules: tuple[AbstractRule, ...], per_segment: int, known: Segments) -> Top | Groups | Chain:
+    K, S = known.count, len(known.names)
+    masks = [each.available for each in terms if each.available is not None]
+    available = np.logical_and.reduce(masks) if masks else np.ones((K, S), dtype=bool)
+    dwell = np.max([np.ones(S, dtype=int), *(each.dwell for each in terms if each.dwell is not None)], axis=0)
+    linked = (dwell > 1).any() or any(_links(each) for each in terms)
+    allowed = [each.allowed for each in terms if each.allowed is not None]
+    if not linked and not allowed:
+        _require_someone(available, rules, known)
+        return Top(available, per_segment)
+    patterns = _patterns(S, per_segment)
+    for each in allowed:
+        patterns = patterns[each(patterns)]
+    _require_use(patterns, rules, per_segment, known)
+    missing = (~available).astype(float) @ patterns.T
+    _require_someone(((missing == 0) & patterns.any(axis=1))[:, :, None].any(axis=1), rules, known)
+    if not linked:
+        return Groups(available, patterns)
+    chain = Chain(available, patterns, dwell)
+    _require_time(chain, rules, known)
+    return chain
+
+
+def _links(terms: Terms) -> bool:
+    return (terms.switching is not None and bool(terms.switching.any())) or (
+        terms.resource is not None and bool(terms.resource.start.any())
+    )
+
+
+def _patterns(S: int, per_segment: int) -> np.ndarray:
+    """All sets of at most per_segment sensors (P, S), the fullest first: of equals, the first is taken."""
+    count = sum(comb(S, size) for size in range(per_segment + 1))
+    if count > _MOST_PATTERNS:
+        raise InputError(
+            f"{per_segment} of {S} sensors make {count} patterns: with rules on which sensors go together, or follow each other, "
+            f"at most {_MOST_PATTERNS} are accepted"
+        )
+    sets = [subset for size in range(per_segment, -1, -1) for subset in combinations(range(S), size)]
+    patterns = np.zeros((len(sets), S), dtype=bool)
+    for pattern, subset in zip(patterns, sets, strict=True):
+        pattern[list(subset)] = True
+    return patterns
+
+
+def _require_someone(somebody: np.ndarray, rules: tuple[AbstractRule, ...], known: Segments) -> None:
+    empty = np.flatnonzero(~somebody.any(axis=1))
+    if len(empty):
+        more = f" (and {len(empty) - 1} more)" if len(empty) > 1 else ""
+        raise InputError(f"segment {empty[0]}{more}: the rules leave no sensor that may be on: {_spelled(rules)}")
+
+
+def _require_use(patterns: np.ndarray, rules: tuple[AbstractRule, ...], per_segment: int, known: Segments) -> None:
+    never = np.flatnonzero(~patterns.any(axis=0))
+    if len(never):
+        raise InputError(
+            f"{known.names[never[0]]} can never be on, with {per_segment} per segment: {_spelled(rules)} contradict each other"
+        )
+
+
+def _require_time(chain: Chain, rules: tuple[AbstractRule, ...], known: Segments) -> None:
+    nothing = np.zeros(chain.available.shape), np.zeros(chain.available.shape[1])
+    on, _ = chain.regrets(*nothing)
+    never = np.flatnonzero(~np.isfinite(on).any(axis=0) & chain.available.any(axis=0))
+    if len(never):
+        raise InputError(f"{known.names[never[0]]} can never be on for long enough: {_spelled(rules)} contradict each other")
+
+
+def _require_room(terms: list[Terms], rules: tuple[AbstractRule, ...], available: np.ndarray) -> None:
+    for rule, each in zip(rules, terms, strict=True):
+        if each.resource is None:
+            continue
+        need = np.where(available, each.resource.usage + each.resource.start, np.inf).min()
+        if need > each.resource.limit:
+            raise InputError(f"{rule}: too small for any schedule: the cheapest sensor in the cheapest segment takes {need:g}")
+
+
+def _spelled(rules: tuple[AbstractRule, ...]) -> str:
+    return "; ".join(str(rule) for rule in rules)
