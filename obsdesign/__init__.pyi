@@ -80,8 +80,12 @@ from .rules.unavailable_between import UnavailableBetween as UnavailableBetween
 from .rules.unavailable_outside import UnavailableOutside as UnavailableOutside
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.schema import Scenario as Scenario
-from .selection.selecting import select_sensors as select_sensors
+from .selection.losses import Loss as Loss
+from .selection.losses import sensor_losses as sensor_losses
+from .selection.pareto import Pareto as Pareto
+from .selection.pareto import pareto as pareto
 from .selection.schedule import Schedule as Schedule
+from .selection.selecting import select_sensors as select_sensors
 from .sensors.bearing import Bearing as Bearing
 from .sensors.gps import GPS as GPS
 from .sensors.magnetometer import Magnetometer as Magnetometer

@@ -8,8 +8,8 @@ from time import perf_counter
 import numpy as np
 
 from obsdesign.design.aim import AbstractAim, weights_of
+from obsdesign.design.climbable import AbstractProgram
 from obsdesign.design.local import FEASIBLE, Local, Solved, corrected, local_at, priced, sharpened, slack_if_lighter, solved
-from obsdesign.design.program import Program
 from obsdesign.design.scene import Place, Scene, Terms
 from obsdesign.design.values import Multipliers, Values
 from obsdesign.status import Status
@@ -80,7 +80,7 @@ class _Moved:
 
 
 def climb(
-    program: Program, aim: AbstractAim, p: np.ndarray, warm: Warm | None = None, least: float = 0.0, limits: Limits | None = None
+    program: AbstractProgram, aim: AbstractAim, p: np.ndarray, warm: Warm | None = None, least: float = 0.0, limits: Limits | None = None
 ) -> Solution:
     """Maximise aim minus price from parameters p (q,); least: keep lambda_min of every judged matrix at or above this.
 

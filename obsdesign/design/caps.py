@@ -8,7 +8,6 @@ import numpy as np
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap
-from obsdesign.information.totals import segment_information
 from obsdesign.simulation import simulate
 from obsdesign.step import blocks_of, sensitivity_of, step_of
 
@@ -27,7 +26,7 @@ def cap_of(problem: DesignProblem) -> Cap | None:
         return None
     grid = problem.grid
     idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step)
-    W = problem.scaled(segment_information(problem.system, idle, 1)[0].sum(axis=0) + np.asarray(problem.known))
+    W = problem.scaled(problem.judged(idle) + np.asarray(problem.known))
     names = tuple(problem.system.model.state_names[i] for i in block)
     return Cap(float(np.linalg.eigvalsh(W[np.ix_(block, block)])[0]), names)
 

@@ -21,6 +21,7 @@ def require_consistent(problem: DesignProblem) -> None:
     _require_times(problem)
     _require_inputs(problem)
     _require_states(problem)
+    _require_weights(problem)
     problem.path.box(problem.grid)
     _require_start(problem)
 
@@ -85,6 +86,23 @@ def _require_known_information(problem: DesignProblem, n: int) -> None:
     size = float(np.abs(known).max(initial=0.0)) if fits else 0.0
     if not fits or np.abs(known - known.T).max() > 1e-9 * size or np.linalg.eigvalsh(known)[0] < -1e-9 * size:
         raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
+
+
+def _require_weights(problem: DesignProblem) -> None:
+    if problem.weights is None:
+        return
+    weights, names, steps = np.asarray(problem.weights), problem.system.model.sensor_names, round(problem.longest / problem.step)
+    if problem.shortest != problem.longest:
+        raise InputError(f"weights: the duration is ({problem.shortest:g}, {problem.longest:g}): weights need one duration")
+    if weights.ndim != 2 or weights.shape[1] != len(names) or not len(weights) or steps % len(weights):
+        raise InputError(
+            f"weights has shape {weights.shape}: must be (K, {len(names)}) for {', '.join(names)}, K a divisor of the {steps} steps"
+        )
+    if not (np.isfinite(weights).all() and (weights >= 0).all()):
+        raise InputError(f"weights go from {weights.min():g} to {weights.max():g}: every one must be finite and at least 0")
+    for what, other in (("a posterior criterion", problem.criterion.knowledge), ("robust", problem.robust)):
+        if other is not None:
+            raise InputError(f"weights: {what} does not know of weights; use one of the two")
 
 
 def _require_start(problem: DesignProblem) -> None:

@@ -69,7 +69,8 @@ class DesignProblem:
     start (n,); duration [s], or (shortest, longest) to choose from; step [s]; bounds: input -> (low, high); rates: input ->
     largest |du/dt| [unit/s]; scale (n,): the diagonal of S, what counts as one unit of each state (None = ones, usually the prior's
     standard deviations); about: the states that are judged while the others are found as well, () = all: then W is the Schur
-    complement W_aa - W_ab W_bb^-1 W_ba; known (n, n): information about x(t_0) that is already there, added to W.
+    complement W_aa - W_ab W_bb^-1 W_ba; known (n, n): information about x(t_0) that is already there, added to W; weights (K, S):
+    how much the samples of each sensor count in each of K equal groups of steps, such as a schedule, None = all of them, once.
     Raises InputError for names, shapes and values that do not fit together.
     """
 
@@ -89,6 +90,7 @@ class DesignProblem:
     floor: Floor | None = None
     robust: Robust | None = None
     known: ArrayLike | None = None
+    weights: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -101,7 +103,17 @@ class DesignProblem:
         put(self, "known", np.zeros((self.x0.size,) * 2) if self.known is None else as_array("known", self.known))
         if not isinstance(self.duration, (int, float)):
             put(self, "duration", as_pair("duration", self.duration))
+        put(self, "weights", self._as_weights())
         require_consistent(self)
+
+    def _as_weights(self) -> np.ndarray | None:
+        """Weights (K, S) as an array, None where all are 1: then nothing is weighed, not even in the order of sums."""
+        weights = None if self.weights is None else as_array("weights", self.weights)
+        return None if weights is None or (weights.ndim == 2 and weights.size and (weights == 1).all() and self._fits(weights)) else weights
+
+    def _fits(self, weights: np.ndarray) -> bool:
+        """Whether the columns are the sensors, and the rows equal groups of steps."""
+        return weights.shape[1] == len(self.system.model.channels) and self.steps % len(weights) == 0
 
     @property
     def shortest(self) -> float:
@@ -168,6 +180,9 @@ class DesignProblem:
     def judged(self, path: Trajectory) -> np.ndarray:
         """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""
         known = self.criterion.knowledge
+        if known is None and self.weights is not None:
+            weights = np.asarray(self.weights)
+            return np.einsum("ks,ksij->ij", weights, segment_information(self.system, path, len(weights)))
         if known is None:
             return segment_information(self.system, path, 1)[0].sum(axis=0)
         return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-2]
@@ -182,7 +197,8 @@ class DesignProblem:
     @cached_property
     def _key(self) -> tuple[object, ...]:
         tables = tuple(sorted(self.bounds.items())), tuple(sorted(self.rates.items()))
-        arrays = (self.x0.tobytes(), self.units.tobytes(), np.asarray(self.known).tobytes())
+        weights = None if self.weights is None else (np.asarray(self.weights).shape, np.asarray(self.weights).tobytes())
+        arrays = (self.x0.tobytes(), self.units.tobytes(), np.asarray(self.known).tobytes(), weights)
         asked = self.criterion, self.about, self.constraints, self.prices, self.budgets, self.floor, self.robust
         return self.system, arrays, self.duration, self.step, self.path, tables, asked
 

@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
+from obsdesign.design.climbable import AbstractProgram
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.recursion import gramian_recursion, posterior_recursion
@@ -19,7 +20,7 @@ from obsdesign.packing import lower_indices, unpacked
 from obsdesign.step import CACHED
 
 
-class Program:
+class Program(AbstractProgram):
     """The functions of one problem with one duration. Nothing changes after construction."""
 
     def __init__(self, problem: DesignProblem, rows: Rows | None = None) -> None:
@@ -28,6 +29,8 @@ class Program:
         known, step = problem.criterion.knowledge, problem.step
         self._variation = _variation_of(model, step, known)
         self._due = sampled(problem.system, self.steps, step).astype(float)
+        if problem.weights is not None:
+            self._due = self.due(np.asarray(problem.weights))
         if known is not None:
             self._due = np.column_stack([self._due, np.arange(self.steps) == self.steps - 1])
         self.lower, self.upper = problem.path.box(problem.grid)
@@ -55,12 +58,16 @@ class Program:
             return (offset + slope @ p).reshape(self.steps, self.m)
         return self._inputs.value(p).full().reshape(self.steps, self.m)
 
+    def due(self, weights: np.ndarray) -> np.ndarray:
+        """Return how much each sensor's sample counts at each step (N, S) for weights (K, S) of K equal groups of steps."""
+        return self._due * np.repeat(weights, self.steps // len(weights), axis=0)
+
     # ---------------------------------------------------------------- values
 
-    def at(self, p: np.ndarray) -> Values:
-        """Return the values at p (q,)."""
+    def at(self, p: np.ndarray, due: np.ndarray | None = None) -> Values:
+        """Return the values at p (q,); due (N, S): what samples count for instead."""
         u = self.inputs(p)
-        along, sums = self._variation.along(self._starts, u, self._due)
+        along, sums = self._variation.along(self._starts, u, self._due if due is None else due)
         windows, floors = self._windows(along, u)
         totals = self._node_values(along)
         price = float(self._per_unit @ totals[1][: len(self._per_unit)])
@@ -166,6 +173,14 @@ class Program:
         if not self._inputs.is_linear:
             H += self._inputs.bend(values.p, (second.slope.sum(axis=0) + pushed).ravel()).full()
         return (H + H.T) / 2
+
+    def mixed(self, values: Values, slopes: Slopes, Z: np.ndarray) -> np.ndarray:
+        """Return -d2 <Z, S W S> / dp d due (N, S, q) along the path itself, Z (n, n)."""
+        along, sensors = values.along, self._due.shape[1]
+        each = np.eye(sensors)[:, None, :] * np.broadcast_to((self._due != 0).astype(float), (sensors, *self._due.shape))
+        same = Along(np.repeat(along.z[:1], sensors, axis=0), np.repeat(along.u[:1], sensors, axis=0), each)
+        D = np.einsum("b,skbc->skc", self._weights(Z[None])[0], self._variation.linear(same).D)
+        return np.einsum("skc,kcq->ksq", D, slopes.G[0, :-1])
 
     def _weights(self, Z: np.ndarray) -> np.ndarray:
         """Weights (b, .) of the packed gains in -<Z, S W S>."""

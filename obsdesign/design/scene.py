@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.design.aim import AbstractAim, value_of
-from obsdesign.design.program import Program
+from obsdesign.design.climbable import AbstractProgram
 from obsdesign.design.values import Slopes, Values
 
 
@@ -34,7 +34,7 @@ class Place:
 class Scene:
     """A program and what is wanted of it; least: lambda_min of every judged matrix must be at or above this, 0 = no such limit."""
 
-    program: Program
+    program: AbstractProgram
     aim: AbstractAim
     least: float = 0.0
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_count, require_known
 from obsdesign.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +75,8 @@ class AbstractRule(ABC):
 
 def each(rule: object, what: str, value: float | dict[str | int, float], segments: Segments) -> np.ndarray:
     """Return one number >= 0 per sensor (S,) of one for all, or of a table by sensor (0 for those it leaves out)."""
+    import numpy as np
+
     table = value if isinstance(value, dict) else dict.fromkeys(range(len(segments.names)), value)
     found = np.zeros(len(segments.names))
     for sensor, number in table.items():

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from obsdesign.rules._given import Sensor, as_sensors, listed
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @dataclass(frozen=True)

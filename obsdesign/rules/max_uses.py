@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from obsdesign.checks import require_count
 from obsdesign.rules._given import Sensor
 from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms
@@ -25,6 +23,8 @@ class MaxUses(AbstractRule):
         return f"MaxUses: {self.sensor} in at most {self.most} segments"
 
     def terms(self, segments: Segments) -> Terms:
+        import numpy as np
+
         usage = np.zeros((segments.count, len(segments.names)))
         usage[:, segments.sensor(self, self.sensor)] = 1.0
         return Terms(resource=Resource(usage, np.zeros(len(segments.names)), float(self.most)))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from obsdesign.checks import require_count
 from obsdesign.rules._given import Sensor, as_sensors, listed
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
@@ -30,6 +28,8 @@ class MinimumDwell(AbstractRule):
         return f"MinimumDwell: {listed(self.sensors)} for at least {self.least} segments"
 
     def terms(self, segments: Segments) -> Terms:
+        import numpy as np
+
         dwell = np.ones(len(segments.names), dtype=int)
         dwell[list(segments.sensors(self, self.sensors))] = self.least
         return Terms(dwell=dwell)

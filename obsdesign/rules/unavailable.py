@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from obsdesign.checks import require_count
 from obsdesign.rules._given import Sensor, listed
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
@@ -28,6 +26,8 @@ class Unavailable(AbstractRule):
         return f"Unavailable: {self.sensor} in segments {listed(str(each) for each in few)}"
 
     def terms(self, segments: Segments) -> Terms:
+        import numpy as np
+
         for segment in self.segments:
             require_count(f"{self}: segment", segment, least=0, most=segments.count - 1)
         available = np.ones((segments.count, len(segments.names)), dtype=bool)

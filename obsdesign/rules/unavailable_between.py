@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from obsdesign.checks import require_within
 from obsdesign.errors import InputError
 from obsdesign.rules._given import Sensor
@@ -30,6 +28,8 @@ class UnavailableBetween(AbstractRule):
         return f"UnavailableBetween: {self.sensor} from {self.first:g} s to {self.last:g} s"
 
     def terms(self, segments: Segments) -> Terms:
+        import numpy as np
+
         if segments.t is None:
             raise InputError(f"{self}: the times of the segments are not known: give select_sensors segments=Segments(..., t=...)")
         t = segments.t - segments.t[0]

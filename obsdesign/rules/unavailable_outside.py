@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from obsdesign.checks import as_pair, require_positive
 from obsdesign.errors import InputError
 from obsdesign.rules._given import Sensor
@@ -29,6 +27,8 @@ class UnavailableOutside(AbstractRule):
         return f"UnavailableOutside: {self.sensor} farther than {self.radius:g} m from ({self.centre[0]:g}, {self.centre[1]:g})"
 
     def terms(self, segments: Segments) -> Terms:
+        import numpy as np
+
         if segments.tracks is None:
             raise InputError(f"{self}: the positions are not known: give select_sensors segments=Segments(..., tracks=...)")
         far = [np.hypot(*(track - self.centre).T).max() > self.radius for track in segments.tracks]

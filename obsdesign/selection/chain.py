@@ -22,7 +22,6 @@ class Chain(AbstractSchedules):
     A state is a pattern and how long each of its sensors still has to stay on; the first state is nothing on, as before the path.
     """
 
-    available: np.ndarray
     patterns: np.ndarray
     dwell: np.ndarray
 

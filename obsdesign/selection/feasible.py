@@ -16,8 +16,14 @@ class Changes:
     patterns: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
 class AbstractSchedules(ABC):
-    """A set of schedules (K, S) over which a sum of prices is maximised exactly. Leaves are final."""
+    """A set of schedules (K, S) over which a sum of prices is maximised exactly. Leaves are final.
+
+    available (K, S) bool: where a sensor may be on at all.
+    """
+
+    available: np.ndarray
 
     @property
     @abstractmethod

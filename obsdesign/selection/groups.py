@@ -15,7 +15,6 @@ _CELLS = 4_000_000  # scores held at a time
 class Groups(AbstractSeparate):
     """In every segment one of the patterns (P, S) bool, of sensors that are all available (K, S) there."""
 
-    available: np.ndarray
     patterns: np.ndarray
 
     @property

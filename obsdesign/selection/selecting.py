@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Literal
 
@@ -76,14 +76,22 @@ def select_sensors(
     return chosen_for(instance, rules, Wanted(method, gap, time_limit, seed), throw)
 
 
+def without_sensors(instance: Instance, lost: tuple[int, ...]) -> Instance:
+    """Return the problem in which some sensors are never available."""
+    available = instance.schedules.available.copy()
+    available[:, list(lost)] = False
+    return replace(instance, schedules=replace(instance.schedules, available=available))
+
+
 @dataclass(frozen=True)
 class Wanted:
-    """How good, how, and for how long."""
+    """How good, how, for how long, from which seed, and how many fronts of the branch and bound at most."""
 
     method: Method
     gap: float
     time_limit: float | None
     seed: int
+    fronts: int = _FRONTS
 
 
 def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Wanted, throw: bool, first: tuple[Dual, ...] = ()) -> Schedule:
@@ -102,7 +110,7 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     whole = purified(instance, found)
     answer = _incumbent(instance, found, whole, wanted, out_of_time)
     if wanted.method == "auto" and not closed(answer.value, answer.bound, wanted.gap, instance):
-        answer = _proven(instance, found, answer, wanted.gap, out_of_time)
+        answer = _proven(instance, found, answer, wanted, out_of_time)
     return _certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
 
 
@@ -147,16 +155,16 @@ def _incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wan
     return best
 
 
-def _proven(instance: Instance, found: Relaxed, answer: _Answer, gap: float, out_of_time: Callable[[], bool]) -> _Answer:
+def _proven(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted, out_of_time: Callable[[], bool]) -> _Answer:
     """Branch and bound, anew after every better schedule."""
     duals = sorted(found.met, key=lambda each: each[1])[:_DUALS]
     fronts = 0
     while True:
-        walks = walks_of(instance, duals, bar(answer.value, gap, instance))
+        walks = walks_of(instance, duals, bar(answer.value, wanted.gap, instance))
         if walks is None:
             return answer
-        effort = Effort(_FRONTS - fronts, _NODES - answer.nodes, out_of_time)
-        result = explored(instance, walks, [dual for dual, _ in duals], (answer.chosen, answer.value), gap, effort)
+        effort = Effort(wanted.fronts - fronts, _NODES - answer.nodes, out_of_time)
+        result = explored(instance, walks, [dual for dual, _ in duals], (answer.chosen, answer.value), wanted.gap, effort)
         fronts, nodes = fronts + result.fronts, answer.nodes + result.nodes
         if result.value <= answer.value:
             return _Answer(answer.chosen, answer.value, min(result.bound, found.bound), nodes)

@@ -17,7 +17,6 @@ _MOST_OPTIONS = 3000  # patterns of one segment that are listed
 class Top(AbstractSeparate):
     """At most per_segment of the available (K, S) sensors: the dearest ones, in closed form."""
 
-    available: np.ndarray
     per_segment: int
 
     @property

@@ -1,0 +1,1 @@
+"""A path and a sensor schedule chosen together."""

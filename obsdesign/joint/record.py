@@ -1,0 +1,48 @@
+"""What came out of choosing a path and a schedule together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from obsdesign.design.record import Design
+from obsdesign.selection.schedule import Schedule
+from obsdesign.status import Status
+
+
+@dataclass(frozen=True, eq=False)
+class OneSided:
+    """A path and a schedule, one chosen for the other; value of the two = criterion minus what switching takes; NaN without an answer.
+
+    schedule: certified for `design`'s path where that came first, else for the path that it was chosen on. objective: the value minus
+    the path's prices.
+    """
+
+    design: Design
+    schedule: Schedule
+    value: float
+    objective: float
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """The best path and schedule found together: design for that schedule (`design.problem.weights`), schedule certified for that path.
+
+    value = schedule.value, recomputed; objective: that minus the path's prices, what was maximised; NaN without an answer.
+    path_first: the path designed for all sensors, then the best schedule for it. sensors_first: the best schedule on the shortest
+    path, or the straight one, then the path designed for it. alternation: the objective at the beginning and after every half step
+    of the alternation that led to the answer, never decreasing; origin: where that began; alternated: the best objective that
+    alternation reached from the two one-sided answers, without relaxed weights. status LOCALLY_OPTIMAL: neither the path alone
+    nor the schedule alone was found to be improved; GAP_OPEN: the rounds were used up before.
+    """
+
+    design: Design
+    schedule: Schedule
+    value: float
+    objective: float
+    path_first: OneSided
+    sensors_first: OneSided
+    alternation: tuple[float, ...]
+    origin: str
+    alternated: float
+    status: Status
+    seconds: float

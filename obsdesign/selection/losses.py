@@ -1,0 +1,59 @@
+"""What it costs to lose a sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.rules.abstract import AbstractRule, Segments
+from obsdesign.selection.posing import posed
+from obsdesign.selection.schedule import Schedule, require_blocks
+from obsdesign.selection.selecting import Wanted, chosen_for, without_sensors
+
+_FRONTS = 60  # of the branch and bound for each sensor: a second or so
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A sensor is lost: what the schedule is worth without it, what one chosen anew is worth, and what none is above.
+
+    kept, rechosen, bound: in the criterion's unit, less what switching costs; -inf where the rest sees too little for the criterion.
+    """
+
+    sensor: int
+    kept: float
+    rechosen: float
+    bound: float
+
+
+def sensor_losses(
+    blocks: ArrayLike,
+    schedule: Schedule,
+    per_segment: int = 1,
+    *,
+    rules: Sequence[AbstractRule] = (),
+    criterion: AbstractCriterion | None = None,
+    segments: Segments | None = None,
+    gap: float = 1e-4,
+) -> tuple[Loss, ...]:
+    """Return for each sensor what losing it costs the schedule, and what is left when the others are chosen anew.
+
+    The arguments are those of select_sensors. kept <= rechosen <= bound, but for rounding and rules that the lost sensor was part of.
+    """
+    array = require_blocks(np.asarray(blocks), per_segment)
+    instance = posed(array, per_segment, tuple(rules), criterion or MinEigenvalue(), 0, segments)
+    found = []
+    for sensor in range(array.shape[1]):
+        rest = without_sensors(instance, (sensor,))
+        left = schedule.chosen.copy()
+        left[:, sensor] = False
+        again = chosen_for(rest, tuple(rules), Wanted("auto", gap, None, 0, _FRONTS), throw=False)
+        kept = rest.value(left)
+        rechosen, bound = (again.value, again.bound) if again.status.has_answer else (-np.inf, -np.inf)
+        found.append(Loss(sensor, kept, max(rechosen, kept), max(bound, kept)))
+    return tuple(found)

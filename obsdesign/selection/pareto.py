@@ -1,0 +1,125 @@
+"""Information against energy: how much more is known for how much more is spent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.checks import require_count
+from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.errors import InputError
+from obsdesign.rules.abstract import AbstractRule, Segments
+from obsdesign.rules.energy_budget import EnergyBudget
+from obsdesign.selection.columns import bound_of
+from obsdesign.selection.duals import Dual
+from obsdesign.selection.instance import Instance
+from obsdesign.selection.posing import posed
+from obsdesign.selection.schedule import Schedule, require_blocks
+from obsdesign.selection.selecting import Wanted, chosen_for
+
+_FRONTS = 60  # of the branch and bound for each limit: a second or so
+_ENDLESS = 1e30  # a budget that nothing exceeds
+
+
+@dataclass(frozen=True, eq=False)
+class Pareto:
+    """The front: for each limit (P,) the best schedule found, what it spends and is worth (P,), and what none is above (P,).
+
+    slopes, levels (Q,): schedules that spend at most E are worth at most min over q of levels_q + slopes_q E.
+    """
+
+    limits: np.ndarray
+    spent: np.ndarray
+    values: np.ndarray
+    bounds: np.ndarray
+    schedules: tuple[Schedule, ...]
+    slopes: np.ndarray
+    levels: np.ndarray
+
+    def above(self, limit: float) -> float:
+        """What no schedule that spends at most `limit` is above: concave in the limit, of every dual met on the way."""
+        return float(np.min(self.levels + self.slopes * limit))
+
+
+def pareto(
+    blocks: ArrayLike,
+    budget: EnergyBudget,
+    per_segment: int = 1,
+    *,
+    points: int = 12,
+    rules: Sequence[AbstractRule] = (),
+    criterion: AbstractCriterion | None = None,
+    segments: Segments | None = None,
+    gap: float = 1e-4,
+    seed: int = 0,
+) -> Pareto:
+    """Return the certified front of information against what a budget counts, from little to all that is of use.
+
+    budget: its costs count; its limit is replaced by `points` others, from the least with which a schedule sees the whole state to
+    what the best schedule without a limit spends. The other arguments are those of select_sensors. Each limit begins with the duals
+    of the one before. Raises InputError for the same reasons.
+    """
+    array = require_blocks(np.asarray(blocks), per_segment)
+    require_count("points", points, least=2)
+    wanted = Wanted("auto", gap, None, seed, _FRONTS)
+
+    def limited(limit: float) -> Instance:
+        rules_then = (replace(budget, limit=limit), *rules)
+        return posed(array, per_segment, rules_then, criterion or MinEigenvalue(), 0, segments)
+
+    unlimited = limited(_ENDLESS)
+    top = float(unlimited.usage(chosen_for(unlimited, tuple(rules), wanted, throw=True).chosen)[0])
+    found: list[_Point] = []
+    for limit in top * np.arange(points, 0, -1) / points:
+        point = _at(limited, float(limit), wanted, found)
+        if point is None:
+            break  # and less is too little, too
+        found.append(point)
+    return _front(found[::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A limit, the schedule for it, its dual, and its bound less what the limit is worth."""
+
+    limit: float
+    spent: float
+    schedule: Schedule
+    dual: Dual
+    level: float
+
+
+def _at(limited: Callable[[float], Instance], limit: float, wanted: Wanted, before: list[_Point]) -> _Point | None:
+    try:
+        instance = limited(limit)
+        schedule = chosen_for(instance, (), wanted, throw=False, first=tuple(point.dual for point in before[-1:]))
+    except InputError:  # too small for anything
+        return None
+    if not (schedule.status.has_answer and schedule.chosen.any()):
+        return None
+    dual = Dual(schedule.dual[None], schedule.prices, schedule.offset)
+    spent = float(instance.usage(schedule.chosen)[0])
+    return _Point(limit, spent, schedule, dual, bound_of(instance, dual)[0] - float(dual.mu[0]) * limit)
+
+
+def _front(points: list[_Point]) -> Pareto:
+    """The best schedule within each limit, be it made for a smaller one; every dual bounds every limit."""
+    slopes, levels = np.array([point.dual.mu[0] for point in points]), np.array([point.level for point in points])
+    limits = np.array([point.limit for point in points])
+    own = np.array([point.schedule.value for point in points])
+    best = [int(own[: i + 1].argmax()) for i in range(len(points))]
+    above = np.min(levels + slopes * limits[:, None], axis=1)
+    bounds = np.minimum(above, [point.schedule.bound for point in points])
+    return Pareto(
+        limits,
+        np.array([points[i].spent for i in best]),
+        own[best],
+        np.maximum(np.minimum.accumulate(bounds[::-1])[::-1], own[best]),
+        tuple(points[i].schedule for i in best),
+        slopes,
+        levels,
+    )
