@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
+from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance, matrices
 from obsdesign.selection.master import Column, Mixture, column_of, mixed
@@ -62,11 +63,11 @@ def relaxed(
             break
         mixture, done = found, done + 1
         # between the best prices and the newest: the newest alone jump about
-        trials = (between(pool.best, mixture.dual), mixture.dual) if np.isfinite(pool.bound) else (mixture.dual,)
+        trials = (mixture.dual,) if pool.best is None else (between(pool.best, mixture.dual), mixture.dual)
         if not any(pool.price(dual, mixture) for dual in trials) or closed(mixture.value, pool.bound, gap, instance):
             break
         mixture = pool.pruned(mixture)
-    if mixture is None:
+    if mixture is None or pool.best is None:
         return None
     count = len(mixture.shares)
     return Relaxed(pool.columns[:count], mixture.shares, mixture.value, pool.best, pool.bound, done, pool.met)
@@ -98,7 +99,7 @@ class _Pool:
         self.idle: list[int] = []
         self.met: list[tuple[Dual, float]] = []
         self.bound = np.inf
-        self.best = _even(instance)
+        self.best: Dual | None = None
         self._add_cheapest()
 
     def price(self, dual: Dual, mixture: Mixture | None = None) -> bool:
@@ -126,18 +127,16 @@ class _Pool:
         return Mixture(shares / shares.sum(), mixture.value, mixture.dual, mixture.multipliers)
 
     def _add_cheapest(self) -> None:
-        """The schedule that takes least of the resources, so that there is a mixture within the limits; and some that see a state."""
+        """The schedule that takes least of the resources, so that there is a mixture within the limits; and some that see it all."""
         instance = self.instance
         if instance.resources:
             least = Dual(np.zeros((len(instance.kept), instance.n, instance.n)), 1 / np.maximum(instance.limits, 1e-9), 0.0)
             self._add(self.oracle(least)[1])
         if not instance.criterion.is_smallest_eigenvalue:
-            # a criterion that is -inf where one state is unseen needs somebody to look at each
-            Z = np.zeros((len(instance.kept), instance.n, instance.n))
-            for i in range(instance.n):
-                axis = Z.copy()
-                axis[:, i, i] = 1.0
-                self._add(self.oracle(Dual(axis, np.zeros(len(instance.resources)), 0.0))[1])
+            # a criterion that is -inf where one direction is unseen needs somebody to look at each
+            first = relaxed(replace(instance, criterion=MinEigenvalue()), 0.5, oracle=self.oracle)
+            for column in [] if first is None else first.columns:
+                self._add(column)
 
     def _add(self, column: Column) -> None:
         self.columns.append(column)

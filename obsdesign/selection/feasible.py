@@ -50,5 +50,5 @@ class AbstractSeparate(AbstractSchedules):
         """
 
     @abstractmethod
-    def changes(self, chosen: np.ndarray, price: np.ndarray, most: int) -> Changes:
-        """Return the changes of single segments of a schedule that cost least in prices (K, S), not more than `most`."""
+    def changes(self, chosen: np.ndarray, price: np.ndarray, within: np.ndarray, most: int) -> Changes:
+        """Return the changes of single segments that cost least in prices (K, S), of the segments `within`, not more than `most`."""

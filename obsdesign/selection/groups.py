@@ -39,9 +39,11 @@ class Groups(AbstractSeparate):
         patterns = self.patterns[~(self.patterns & ~self.available[k]).any(axis=1)]
         return patterns[~(patterns & ~can_be_on).any(axis=1) & ~(~patterns & ~can_be_off).any(axis=1)]
 
-    def changes(self, chosen: np.ndarray, price: np.ndarray, most: int) -> Changes:
+    def changes(self, chosen: np.ndarray, price: np.ndarray, within: np.ndarray, most: int) -> Changes:
+        there = Groups(self.available[within], self.patterns)
+        chosen, price = chosen[within], price[within]
         segments, patterns, cost = [], [], []
-        for part, scores in self._scores(price):
+        for part, scores in there._scores(price):
             loss = (price[part] * chosen[part]).sum(axis=1)[:, None] - scores
             same = (self.patterns[None] == chosen[part][:, None]).all(axis=2)
             loss = np.where(same, np.inf, loss).ravel()
@@ -51,7 +53,7 @@ class Groups(AbstractSeparate):
             patterns.append(self.patterns[near % len(self.patterns)])
             cost.append(loss[near])
         order = np.argsort(np.concatenate(cost), kind="stable")[:most]
-        return Changes(np.concatenate(segments)[order], np.concatenate(patterns)[order])
+        return Changes(within[np.concatenate(segments)[order]], np.concatenate(patterns)[order])
 
     def _scores(self, price: np.ndarray):  # noqa: ANN202
         """Yield (slice, scores (., P)) of a few segments at a time, -inf for patterns with a sensor that is not available."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -41,6 +41,8 @@ class Instance:
 
     def information(self, chosen: np.ndarray) -> np.ndarray:
         """W (R, n, n) in each scenario of loss."""
+        if len(self.kept) == 1:  # in one piece, which is faster
+            return matrices((chosen * self.kept[0]).ravel() @ self.rows.reshape(chosen.size, -1), self.n)[None]
         by_sensor = np.stack([chosen[:, s].astype(float) @ self.rows[:, s] for s in range(self.shape[1])])
         return matrices(self.kept @ by_sensor, self.n)
 
@@ -67,9 +69,13 @@ class Instance:
 
     def prices(self, dual: Dual) -> tuple[np.ndarray, np.ndarray]:
         """What each sensor in each segment (K, S) is worth, and what each switching-on (S,) costs."""
+        K, S = self.shape
         z = self.kept.T @ vectors(dual.Z)
-        # information is worth at least nothing: what is negative is a rounding error
-        price = np.maximum(np.stack([self.rows[:, s] @ z[s] for s in range(self.shape[1])], axis=1), 0.0)
+        if len(self.kept) == 1:  # in one piece, which is faster
+            price = (self.rows.reshape(K * S, -1) @ vectors(dual.Z[0])).reshape(K, S) * self.kept[0]
+        else:
+            price = np.stack([self.rows[:, s] @ z[s] for s in range(S)], axis=1)
+        np.maximum(price, 0.0, out=price)  # information is worth at least nothing: what is negative is a rounding error
         start = self.switching.copy()
         for mu, resource in zip(dual.mu, self.resources, strict=True):
             if mu > 0:
@@ -91,13 +97,19 @@ def started(chosen: np.ndarray) -> np.ndarray:
 
 def vectors(W: np.ndarray) -> np.ndarray:
     """Return symmetric matrices (..., n, n) as vectors (..., n (n + 1) / 2) with the same inner product."""
-    rows, columns = np.tril_indices(W.shape[-1])
-    return W[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+    rows, columns, weights = _triangle(W.shape[-1])
+    return W[..., rows, columns] * weights
 
 
 def matrices(values: np.ndarray, n: int) -> np.ndarray:
     """Return the symmetric matrices (..., n, n) of vectors."""
-    rows, columns = np.tril_indices(n)
+    rows, columns, weights = _triangle(n)
     W = np.empty((*values.shape[:-1], n, n))
-    W[..., rows, columns] = W[..., columns, rows] = values / np.where(rows == columns, 1.0, np.sqrt(2.0))
+    W[..., rows, columns] = W[..., columns, rows] = values / weights
     return W
+
+
+@lru_cache(32)
+def _triangle(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rows, columns = np.tril_indices(n)
+    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))

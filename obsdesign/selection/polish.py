@@ -45,11 +45,12 @@ def polished(instance: Instance, chosen: np.ndarray, dual: Dual, bound: float) -
 
 
 def _climbed(instance: Instance, schedules: AbstractSeparate, chosen: np.ndarray, dual: Dual, tau: float) -> np.ndarray:
-    price, _ = instance.prices(dual)
+    price, start = instance.prices(dual)
+    within = _close(schedules, chosen, price, start)
     W, usage = instance.information(chosen), instance.usage(chosen)
     now = float(_potential(instance, W[None], tau)[0])
     for _ in range(_STEPS):
-        changes = schedules.changes(chosen, price, _NEAR)
+        changes = schedules.changes(chosen, price, within, _NEAR)
         difference = changes.patterns.astype(float) - chosen[changes.segments]
         if not len(difference):
             break
@@ -69,8 +70,17 @@ def _climbed(instance: Instance, schedules: AbstractSeparate, chosen: np.ndarray
         chosen = chosen.copy()
         for change in pairs[index][pairs[index] >= 0]:
             chosen[changes.segments[change]] = changes.patterns[change]
-        W, usage, now = instance.information(chosen), instance.usage(chosen), float(values[index])
+            usage = usage + taken[change]
+        W, now = together[index], float(values[index])
     return chosen
+
+
+def _close(schedules: AbstractSeparate, chosen: np.ndarray, price: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """The segments in which the best choice for the prices is so by the least margin, and those in which another one is made."""
+    best, _ = schedules.best(price, start)
+    on, off = schedules.regrets(price, start)
+    margin = np.where((best == chosen).all(axis=1), np.where(best, off, on).min(axis=1), 0.0)
+    return np.argpartition(margin, _NEAR)[:_NEAR] if len(margin) > _NEAR else np.arange(len(margin))
 
 
 def _promising(instance: Instance, model: _Model, segments: np.ndarray, usage: np.ndarray, taken: np.ndarray) -> np.ndarray:

@@ -18,6 +18,7 @@ _PRICES = 24  # duals that bound each of them ...
 _NEW = 8  # ... of which so many are made for the front
 _ROUNDS = 6  # of column generation for a front
 _FEW = 8  # fronts of fewer are not worth new duals
+_PRICED = 25  # times on the way through linked segments, where duals take long
 _STALLED = 250  # fronts without a better schedule, after which the whole effort is estimated
 _HOPELESS = 20.0  # times the allowed effort
 
@@ -78,6 +79,7 @@ def explored(
     stack = [_Front(walks, (), state, walks.base[None], np.zeros((1, 0), np.int32), np.array([np.inf]), tuple(duals[-_PRICES:]), 1.0)]
     fronts = nodes = 0
     settled = 0.0
+    stride = max(1, len(walks.layers) // _PRICED) if walks.linked else 1
     while stack and fronts < effort.fronts and nodes < effort.nodes and not effort.out_of_time():
         front = stack.pop()
         least = bar(value, gap, instance)
@@ -88,7 +90,7 @@ def explored(
                 return Explored(found, best, np.inf, fronts, nodes, False)
             continue
         shares = None
-        if len(front.bound) >= _FEW or not front.taken:
+        if not front.taken or (len(front.bound) >= _FEW and len(front.taken) % stride == 0):
             front, shares = _priced(instance, front)
             fronts += 1
         grown, nodes_of = _grown(instance, front, shares, least)
@@ -120,7 +122,7 @@ def _priced(instance: Instance, front: _Front) -> tuple[_Front, np.ndarray | Non
         return instance.constant(dual) + float(y @ total), Column(steps, information_in(instance, total), usage, float(total[-1]))
 
     Y = np.stack([price_vector(dual) for dual in front.duals], axis=1)
-    ahead = front.left.ahead(Y)[state]
+    ahead = front.left.ahead(front.duals, Y)[state]
     constants = np.array([instance.constant(dual) for dual in front.duals])
     nearest = front.duals[int((sums @ Y + ahead + constants).argmin())]
     found = relaxed(instance, 1e-6, (nearest,), _ROUNDS, oracle)
@@ -148,7 +150,7 @@ def _grown(instance: Instance, front: _Front, influence: np.ndarray | None, leas
     """Take every partial schedule one step further, in each way that its bound allows: new fronts, the best one last; and how many."""
     Y = np.stack([price_vector(dual) for dual in front.duals], axis=1)
     constants = np.array([instance.constant(dual) for dual in front.duals])
-    bound = np.minimum(front.bound, (front.sums @ Y + front.left.ahead(Y)[front.state] + constants).min(axis=1))
+    bound = np.minimum(front.bound, (front.sums @ Y + front.left.ahead(front.duals, Y)[front.state] + constants).min(axis=1))
     whole = len(front.bound)
     front = front.only(bound > least)
     bound = bound[bound > least]
@@ -158,7 +160,7 @@ def _grown(instance: Instance, front: _Front, influence: np.ndarray | None, leas
     parent = np.repeat(np.arange(len(counts)), counts)
     step = np.arange(len(parent)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(layer.begin[front.state], counts)
     sums, state = front.sums[parent] + layer.adds[step], layer.target[step]
-    bound = np.minimum(bound[parent], (sums @ Y + rest.ahead(Y)[state] + constants).min(axis=1))
+    bound = np.minimum(bound[parent], (sums @ Y + rest.ahead(front.duals, Y)[state] + constants).min(axis=1))
     keep = (bound > least) & _within(instance, sums)
     share = (front.share / whole / np.maximum(counts, 1)[parent])[keep]
     parent, step, sums, state, bound = parent[keep], step[keep], sums[keep], state[keep], bound[keep]

@@ -20,19 +20,19 @@ from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
 from obsdesign.selection.polish import polished
 from obsdesign.selection.posing import posed
-from obsdesign.selection.proof import Effort, bar, explored
-from obsdesign.selection.relaxation import relaxed_directly
+from obsdesign.selection.proof import Effort, Explored, bar, explored
 from obsdesign.selection.rounding import Undecided, purified
 from obsdesign.selection.schedule import Schedule, require_blocks
-from obsdesign.selection.walks import walks_of
+from obsdesign.selection.walks import nearby, walks_of
 from obsdesign.status import Status
 
 Method = Literal["auto", "columns", "direct"]
 
 _DUALS = 24  # the best of those met bound what is undecided
 _FRONTS = 1000  # of the branch and bound that get duals of their own: half a minute or so
+_NEAR = (40, 100)  # undecided segments of the first searches
 _NODES = 4_000_000
-_DRAWN = ((400, 16), (4000, 6), (1 << 62, 1))  # choices K S, and how many roundings are drawn beside the best one
+_DRAWN = ((400, 16), (4000, 6), (40_000, 1), (1 << 62, 0))  # choices K S, and how many roundings are drawn beside the best one
 
 
 def select_sensors(
@@ -109,6 +109,7 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     _require_information(instance, rules, found)
     whole = purified(instance, found)
     answer = _incumbent(instance, found, whole, wanted, out_of_time)
+    answer = _searched(instance, found, answer, wanted, out_of_time)
     if wanted.method == "auto" and not closed(answer.value, answer.bound, wanted.gap, instance):
         answer = _proven(instance, found, answer, wanted, out_of_time)
     return _certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
@@ -126,15 +127,19 @@ class _Answer:
 
 def _relaxation(instance: Instance, wanted: Wanted, first: tuple[Dual, ...]) -> tuple[Relaxed | None, tuple[str, ...]]:
     accuracy = min(max(0.1 * wanted.gap, 1e-10), 1e-5)
-    if wanted.method == "direct":
-        found = relaxed_directly(instance, wanted.time_limit)
-        if found is not None:
-            return found, ()
-        return relaxed(instance, accuracy, first), ("the relaxation in one piece failed: column generation instead",)
-    found = relaxed(instance, accuracy, first)
-    if found is not None:
-        return found, ()
-    return relaxed_directly(instance, wanted.time_limit), ("column generation failed: the relaxation in one piece instead",)
+
+    def by_columns() -> Relaxed | None:
+        return relaxed(instance, accuracy, first)
+
+    def in_one_piece() -> Relaxed | None:
+        from obsdesign.selection.relaxation import relaxed_directly  # CVXPY takes a second to load
+
+        return relaxed_directly(instance, wanted.time_limit)
+
+    ways = ("column generation", by_columns), ("the relaxation in one piece", in_one_piece)
+    (name, way), (other_name, other) = ways[::-1] if wanted.method == "direct" else ways
+    found = way()
+    return (found, ()) if found is not None else (other(), (f"{name} failed: {other_name} instead",))
 
 
 def _incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wanted, out_of_time: Callable[[], bool]) -> _Answer:
@@ -145,7 +150,8 @@ def _incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wan
     rounded = [] if instance.schedules.linked else [whole.rounded(None), *(whole.rounded(random) for _ in range(drawn))]
     nothing = np.zeros(instance.shape, dtype=bool)
     best = _Answer(nothing, instance.value(nothing), found.bound)
-    for start in [*columns, *(each for each in rounded if instance.keeps_limits(each))]:
+    rounded = [each for each in rounded if instance.keeps_limits(each)]
+    for start in [*rounded, *columns[-1:]] if drawn else (rounded or columns)[:1]:
         if best.chosen.any() and out_of_time():
             break
         chosen, value = polished(instance, start, found.dual, found.bound)
@@ -153,6 +159,29 @@ def _incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wan
         if closed(best.value, found.bound, wanted.gap, instance):
             break
     return best
+
+
+def _searched(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted, out_of_time: Callable[[], bool]) -> _Answer:
+    """Branch and bound among the schedules near the best one for the dual, which it often proves the best of these."""
+    duals = [dual for dual, _ in sorted(found.met, key=lambda each: each[1])[:_DUALS]]
+    for count in _NEAR:
+        fronts = 0
+        while fronts < 2 * count and not out_of_time() and not closed(answer.value, answer.bound, wanted.gap, instance):
+            walks = nearby(instance, found.dual, found.bound, count, bar(answer.value, wanted.gap, instance))
+            if walks is None:
+                break
+            effort = Effort(2 * count - fronts, _NODES, out_of_time)
+            result = explored(instance, walks, duals, (answer.chosen, answer.value), wanted.gap, effort)
+            fronts += max(result.fronts, 1)
+            if result.value <= answer.value:
+                break
+            answer = _better(instance, found, result)
+    return answer
+
+
+def _better(instance: Instance, found: Relaxed, result: Explored) -> _Answer:
+    chosen, value = polished(instance, result.chosen, found.dual, found.bound)
+    return _Answer(chosen, value, found.bound) if value > result.value else _Answer(result.chosen, result.value, found.bound)
 
 
 def _proven(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted, out_of_time: Callable[[], bool]) -> _Answer:
@@ -168,8 +197,7 @@ def _proven(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted,
         fronts, nodes = fronts + result.fronts, answer.nodes + result.nodes
         if result.value <= answer.value:
             return _Answer(answer.chosen, answer.value, min(result.bound, found.bound), nodes)
-        chosen, value = polished(instance, result.chosen, found.dual, found.bound)
-        answer = _Answer(chosen, value, found.bound, nodes)
+        answer = replace(_better(instance, found, result), nodes=nodes)
 
 
 def _require_information(instance: Instance, rules: tuple[AbstractRule, ...], found: Relaxed) -> None:

@@ -62,11 +62,12 @@ class Top(AbstractSeparate):
             pattern[list(subset)] = True
         return patterns
 
-    def changes(self, chosen: np.ndarray, price: np.ndarray, most: int) -> Changes:
+    def changes(self, chosen: np.ndarray, price: np.ndarray, within: np.ndarray, most: int) -> Changes:
         # one sensor off or none, and one on or none: column S stands for none
+        chosen, price = chosen[within], price[within]
         K, S = chosen.shape
         off = np.column_stack([np.where(chosen, price, np.inf), np.zeros(K)])
-        on = np.column_stack([np.where(~chosen & self.available, price, -np.inf), np.zeros(K)])
+        on = np.column_stack([np.where(~chosen & self.available[within], price, -np.inf), np.zeros(K)])
         cost = off[:, :, None] - on[:, None, :]
         cost[:, S, S] = np.inf
         cost[chosen.sum(axis=1) >= self.per_segment, S, :] = np.inf
@@ -78,4 +79,4 @@ class Top(AbstractSeparate):
         patterns = np.column_stack([chosen[segments], np.zeros(len(segments), dtype=bool)])
         patterns[np.arange(len(segments)), leaves] = False
         patterns[np.arange(len(segments)), comes] = True
-        return Changes(segments, patterns[:, :S])
+        return Changes(within[segments], patterns[:, :S])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from obsdesign.selection.feasible import AbstractSeparate
 from obsdesign.selection.instance import Instance, matrices, vectors
 
 _MOST_LAYERS = 1500  # undecided segments, and ...
+_REACH = 1.0 + 1e-9
 _MOST_STEPS = 60_000  # ... choices in them, beyond which walking through them is hopeless
 
 
@@ -37,6 +38,7 @@ class Walks:
 
     What is added up (c entries): W as vectors, one for each scenario of loss (R d), usage of resources, and what switching takes off.
     linked: the layers have to be taken in their order, from state to state; else all states are 0 and any order will do.
+    past, known: how many layers have been taken, and what lies ahead of each under the duals met so far, where they are linked.
     """
 
     base: np.ndarray
@@ -45,16 +47,22 @@ class Walks:
     first: int
     states: int
     linked: bool
+    past: int = 0
+    known: dict[Dual, list[np.ndarray]] = field(default_factory=dict, repr=False)
 
     def without(self, index: int) -> Walks:
         """Return the walks that are left when a layer has been taken."""
-        return Walks(self.base, self.chosen, self.layers[:index] + self.layers[index + 1 :], self.first, self.states, self.linked)
+        layers = self.layers[:index] + self.layers[index + 1 :]
+        return Walks(self.base, self.chosen, layers, self.first, self.states, self.linked, self.past + 1, self.known)
 
-    def ahead(self, Y: np.ndarray) -> np.ndarray:
-        """Return the best sum over the layers (states, J) under each of the prices Y (c, J)."""
+    def ahead(self, duals: tuple[Dual, ...], Y: np.ndarray) -> np.ndarray:
+        """Return the best sum over the layers (states, J) under each of the duals, as prices Y (c, J)."""
         if not self.linked:
             return self.tops(Y).sum(axis=0, keepdims=True)
-        return self._backward(Y)[0]
+        for dual, y in zip(duals, Y.T, strict=True):
+            if dual not in self.known:  # from here to the end, for all that begins here
+                self.known[dual] = [np.empty(0)] * self.past + self._backward(y[:, None])
+        return np.concatenate([self.known[dual][self.past] for dual in duals], axis=1)
 
     def tops(self, Y: np.ndarray) -> np.ndarray:
         """Return the best step of each layer (layers, J) where any order will do."""
@@ -114,6 +122,16 @@ def walks_of(instance: Instance, duals: list[tuple[Dual, float]], least: float) 
         return _linked(instance, instance.schedules, duals, least)
     assert isinstance(instance.schedules, AbstractSeparate)
     return _separate(instance, instance.schedules, duals, least)
+
+
+def nearby(instance: Instance, dual: Dual, bound: float, count: int, least: float) -> Walks | None:
+    """Return the schedules that differ from the best one for a dual where that costs least: in about `count` segments."""
+    price, start = instance.prices(dual)
+    best, _ = instance.schedules.best(price, start)
+    on, off = instance.schedules.regrets(price, start)
+    margin = np.where(best, off, on).min(axis=1)
+    reach = float(np.partition(margin, count - 1)[count - 1]) if len(margin) > count else float(margin.max())
+    return walks_of(instance, [(dual, bound)], max(bound - _REACH * reach, least))
 
 
 def _separate(instance: Instance, schedules: AbstractSeparate, duals: list[tuple[Dual, float]], least: float) -> Walks | None:
