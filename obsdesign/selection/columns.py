@@ -15,6 +15,7 @@ from obsdesign.selection.master import Column, Mixture, column_of, mixed
 
 _ROUNDS = 400  # column generation ends in 5 to 60 rounds for few states, in some hundred for 15
 _IDLE = 12  # rounds after which a column without a share is dropped ...
+_SAMPLES = 64  # schedules whose even mixture stands for relaxed choices
 _KEPT = 60  # ... where there are more than so many
 
 
@@ -71,6 +72,21 @@ def relaxed(
         return None
     count = len(mixture.shares)
     return Relaxed(pool.columns[:count], mixture.shares, mixture.value, pool.best, pool.bound, done, pool.met)
+
+
+def mixture_of(instance: Instance, shares: np.ndarray, dual: Dual) -> Relaxed:
+    """Return relaxed choices (K, S) of segments without links, and a dual, as an even mixture of schedules.
+
+    Systematic sampling: schedule j has sensor s on where the sum of the shares up to s passes a whole number less (j + 1/2) / J.
+    """
+    bound, _ = bound_of(instance, dual)
+    ends = np.cumsum(shares, axis=1)
+    marks = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    chosen = [np.diff(np.floor(ends + mark), axis=1, prepend=np.floor(mark)) > 0 for mark in marks]
+    columns = [column_of(instance, each) for each in chosen]
+    even = np.full(_SAMPLES, 1 / _SAMPLES)
+    mean = np.tensordot(even, np.stack([column.W for column in columns]), 1)
+    return Relaxed(columns, even, instance.judged(mean), dual, bound, 1, [(dual, bound)])
 
 
 def closed(value: float, bound: float, gap: float, instance: Instance) -> bool:

@@ -8,14 +8,13 @@ import cvxpy as cp
 import numpy as np
 
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.selection.columns import Relaxed, bound_of
+from obsdesign.selection.columns import Relaxed, mixture_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance, matrices
-from obsdesign.selection.master import column_of, normalised
+from obsdesign.selection.master import normalised
 from obsdesign.selection.top import Top
 
 _ACCEPTED = (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)  # the bound is recomputed: an inaccurate dual only makes it weaker
-_DRAWN = 64  # schedules whose even mixture stands for the relaxed one
 
 
 def relaxed_directly(instance: Instance, time_limit: float | None) -> Relaxed | None:
@@ -49,10 +48,7 @@ def relaxed_directly(instance: Instance, time_limit: float | None) -> Relaxed | 
     else:
         split = np.maximum(_duals(concave), 0.0)
         dual = _tangent(instance.criterion, _information(instance, shares), split / split.sum(), mu)
-    bound, best = bound_of(instance, dual)
-    columns = [column_of(instance, chosen) for chosen in [best, *_systematic(shares)]]
-    even = np.append(0.0, np.full(_DRAWN, 1 / _DRAWN))
-    return Relaxed(columns, even, instance.judged(_information(instance, shares)), dual, bound, 1, [(dual, bound)])
+    return mixture_of(instance, shares, dual)
 
 
 def _duals(constraints: list[cp.NonNeg]) -> np.ndarray:
@@ -93,13 +89,3 @@ def _solved(problem: cp.Problem, time_limit: float | None) -> bool:
     except cp.SolverError:
         return False
     return problem.status in _ACCEPTED
-
-
-def _systematic(shares: np.ndarray) -> list[np.ndarray]:
-    """Schedules that have each sensor on as often as its share says: systematic sampling within every segment."""
-    ends = np.cumsum(shares, axis=1)
-    found = []
-    for u in (np.arange(_DRAWN) + 0.5) / _DRAWN:
-        marks = np.floor(ends + u)
-        found.append(np.diff(marks, axis=1, prepend=np.floor(u)) > 0)
-    return found

@@ -15,9 +15,10 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
-from obsdesign.selection.columns import Relaxed, bound_of, closed, relaxed, size_of
+from obsdesign.selection.columns import Relaxed, bound_of, closed, mixture_of, relaxed, size_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
+from obsdesign.selection.interior import centred, serves
 from obsdesign.selection.polish import polished
 from obsdesign.selection.posing import posed
 from obsdesign.selection.proof import Effort, Explored, bar, explored
@@ -31,6 +32,8 @@ Method = Literal["auto", "columns", "direct"]
 _DUALS = 24  # the best of those met bound what is undecided
 _FRONTS = 1000  # of the branch and bound that get duals of their own: half a minute or so
 _NEAR = (40, 100)  # undecided segments of the first searches
+_MANY_STATES = 9  # from here on column generation takes more rounds than Newton's method in all
+_MANY_DIRECTIONS, _FEW_CHOICES = 80, 400
 _NODES = 4_000_000
 _DRAWN = ((400, 16), (4000, 6), (40_000, 1), (1 << 62, 0))  # choices K S, and how many roundings are drawn beside the best one
 
@@ -109,10 +112,16 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     _require_information(instance, rules, found)
     whole = purified(instance, found)
     answer = _incumbent(instance, found, whole, wanted, out_of_time)
-    answer = _searched(instance, found, answer, wanted, out_of_time)
-    if wanted.method == "auto" and not closed(answer.value, answer.bound, wanted.gap, instance):
+    if _worth_searching(instance):
+        answer = _searched(instance, found, answer, wanted, out_of_time)
+    if wanted.method == "auto" and _worth_searching(instance) and not closed(answer.value, answer.bound, wanted.gap, instance):
         answer = _proven(instance, found, answer, wanted, out_of_time)
     return _certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
+
+
+def _worth_searching(instance: Instance) -> bool:
+    """Whether branch and bound gets anywhere: hardly with many directions to balance in many segments, where a front takes a second."""
+    return instance.rows.shape[2] * len(instance.kept) <= _MANY_DIRECTIONS or np.prod(instance.shape) <= _FEW_CHOICES
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +138,9 @@ def _relaxation(instance: Instance, wanted: Wanted, first: tuple[Dual, ...]) -> 
     accuracy = min(max(0.1 * wanted.gap, 1e-10), 1e-5)
 
     def by_columns() -> Relaxed | None:
+        if instance.n >= _MANY_STATES and serves(instance):
+            centre = centred(instance, accuracy)
+            return mixture_of(instance, centre.shares, centre.dual)
         return relaxed(instance, accuracy, first)
 
     def in_one_piece() -> Relaxed | None:
