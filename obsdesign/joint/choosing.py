@@ -20,7 +20,7 @@ from obsdesign.errors import InputError, SolveError
 from obsdesign.joint.question import Question
 from obsdesign.joint.record import Joint, OneSided
 from obsdesign.joint.relaxing import promising, relaxations, rounded
-from obsdesign.joint.turns import Pair, Settled, Turns, paired, settled
+from obsdesign.joint.turns import Pair, Settled, Turns, certified, paired, settled
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.simulation import simulate
@@ -91,7 +91,7 @@ def _sides(question: Question, starts: int, executor: Executor | None) -> tuple[
     plain, chosen = _on_baseline(question)
     problem = question.with_schedule(chosen.chosen) if chosen.status.has_answer else question.problem
     fitted = design_trajectory(problem, starts, question.seed, executor, throw=False)
-    schedule = chosen if path.trajectory is None else question.selected(path.trajectory)
+    schedule = chosen if path.trajectory is None else question.selected(path.trajectory, proven=True)
     return _side(question, "path first", path, schedule, path.trajectory), _side(question, "sensors first", fitted, chosen, plain)
 
 
@@ -112,7 +112,7 @@ def _on_baseline(question: Question) -> tuple[Trajectory, Schedule]:
             question.blocks(path)
         except InputError:
             continue
-        return path, question.selected(path)
+        return path, question.selected(path, proven=True)
     raise AssertionError("there is always another start")
 
 
@@ -139,7 +139,7 @@ def _recorded(question: Question, sides: tuple[_Side, _Side], ends: Sequence[Set
         status = failed.schedule.status if failed.design.status.has_answer else failed.design.status
         status = Status.NUMERICAL_ERROR if status.has_answer else status
         return Joint(failed.design, failed.schedule, np.nan, np.nan, first, second, (), "", np.nan, status, 0.0)
-    best = max((*ends, *further), key=lambda end: end.pair.objective)  # the first of equals
+    best = certified(question, max((*ends, *further), key=lambda end: end.pair.objective))  # the first of equals
     pair, alternated = best.pair, max(end.pair.objective for end in ends)
     status = Status.LOCALLY_OPTIMAL if best.still else Status.GAP_OPEN
     design = for_schedule(question, pair)

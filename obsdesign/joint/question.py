@@ -63,9 +63,9 @@ class Question:
         """S W_ks S (K, S, n, n) along a path."""
         return self.problem.scaled(segment_information(self.problem.system, path, self.segments))
 
-    def selected(self, path: Trajectory) -> Schedule:
-        """Return the best schedule for a path."""
-        options: dict[str, Any] = {"seed": self.seed, "throw": False}
+    def selected(self, path: Trajectory, proven: bool = False) -> Schedule:
+        """Return the best schedule found for a path; proven: with branch and bound, which is for the answer, not for the way to it."""
+        options: dict[str, Any] = {"seed": self.seed, "throw": False, "method": "auto" if proven else "columns"}
         if not isinstance(self.problem.criterion, MinEigenvalue):
             options["criterion"] = self.problem.criterion
         if self.rules:

@@ -60,12 +60,23 @@ def settled(turns: Turns) -> Settled:
         before = pair.objective
         pair, answered = _with_path(question, pair)
         values.append(pair.objective)
-        pair = _with_schedule(question, pair)
+        pair = with_schedule(question, pair)
         values.append(pair.objective)
         still = answered and pair.objective <= before + _STILL * abs(before)
         if pair.objective <= before + _STILL * abs(before):
             break
     return Settled(turns.origin, pair, tuple(values), still)
+
+
+def certified(question: Question, end: Settled) -> Settled:
+    """Return the end with a proven schedule; where that is better than its own, the turns go on from there."""
+    for _ in range(question.rounds):
+        pair = with_schedule(question, end.pair, proven=True)
+        if pair.objective <= end.pair.objective + _STILL * abs(end.pair.objective):
+            return replace(end, pair=pair)
+        again = settled(Turns(question, end.origin, pair))
+        end = replace(again, values=(*end.values, *again.values))
+    return replace(end, pair=with_schedule(question, end.pair, proven=True))
 
 
 def shaped(question: Question, u: np.ndarray, chosen: np.ndarray) -> Design:
@@ -88,9 +99,9 @@ def _with_path(question: Question, pair: Pair) -> tuple[Pair, bool]:
     return (found if found is not None and found.objective >= pair.objective else pair), True
 
 
-def _with_schedule(question: Question, pair: Pair) -> Pair:
+def with_schedule(question: Question, pair: Pair, proven: bool = False) -> Pair:
     """Return the pair with the best schedule found for its path, or with its own where that is as good, certified for the path."""
-    found = _selected(question, pair.design, pair.path)
+    found = _selected(question, pair.design, pair.path, proven)
     if found is None or found.objective > pair.objective:
         return pair if found is None else found
     picked, value = found.schedule, pair.objective + question.price(pair.path)
@@ -100,8 +111,8 @@ def _with_schedule(question: Question, pair: Pair) -> Pair:
     return replace(pair, schedule=own)
 
 
-def _selected(question: Question, design: Design, path: Trajectory) -> Pair | None:
-    schedule = question.selected(path)
+def _selected(question: Question, design: Design, path: Trajectory, proven: bool = False) -> Pair | None:
+    schedule = question.selected(path, proven)
     if not schedule.status.has_answer:
         return None
     return paired(question, design, path, schedule, question.penalty(path, schedule))

@@ -112,16 +112,15 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     _require_information(instance, rules, found)
     whole = purified(instance, found)
     answer = _incumbent(instance, found, whole, wanted, out_of_time)
-    if _worth_searching(instance):
+    if wanted.method == "auto" and _worth_searching(instance):
         answer = _searched(instance, found, answer, wanted, out_of_time)
-    if wanted.method == "auto" and _worth_searching(instance) and not closed(answer.value, answer.bound, wanted.gap, instance):
         answer = _proven(instance, found, answer, wanted, out_of_time)
     return _certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
 
 
 def _worth_searching(instance: Instance) -> bool:
     """Whether branch and bound gets anywhere: hardly with many directions to balance in many segments, where a front takes a second."""
-    return instance.rows.shape[2] * len(instance.kept) <= _MANY_DIRECTIONS or np.prod(instance.shape) <= _FEW_CHOICES
+    return instance.rows.shape[2] * len(instance.kept) <= _MANY_DIRECTIONS or instance.shape[0] * instance.shape[1] <= _FEW_CHOICES
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,12 +176,12 @@ def _searched(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wante
     """Branch and bound among the schedules near the best one for the dual, which it often proves the best of these."""
     duals = [dual for dual, _ in sorted(found.met, key=lambda each: each[1])[:_DUALS]]
     for count in _NEAR:
-        fronts = 0
-        while fronts < 2 * count and not out_of_time() and not closed(answer.value, answer.bound, wanted.gap, instance):
+        fronts, most = 0, min(2 * count, wanted.fronts // 4)
+        while fronts < most and not out_of_time() and not closed(answer.value, answer.bound, wanted.gap, instance):
             walks = nearby(instance, found.dual, found.bound, count, bar(answer.value, wanted.gap, instance))
             if walks is None:
                 break
-            effort = Effort(2 * count - fronts, _NODES, out_of_time)
+            effort = Effort(most - fronts, _NODES, out_of_time)
             result = explored(instance, walks, duals, (answer.chosen, answer.value), wanted.gap, effort)
             fronts += max(result.fronts, 1)
             if result.value <= answer.value:
@@ -200,7 +199,7 @@ def _proven(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted,
     """Branch and bound, anew after every better schedule."""
     duals = sorted(found.met, key=lambda each: each[1])[:_DUALS]
     fronts = 0
-    while True:
+    while not closed(answer.value, answer.bound, wanted.gap, instance):
         walks = walks_of(instance, duals, bar(answer.value, wanted.gap, instance))
         if walks is None:
             return answer
@@ -210,6 +209,7 @@ def _proven(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted,
         if result.value <= answer.value:
             return _Answer(answer.chosen, answer.value, min(result.bound, found.bound), nodes)
         answer = replace(_better(instance, found, result), nodes=nodes)
+    return answer
 
 
 def _require_information(instance: Instance, rules: tuple[AbstractRule, ...], found: Relaxed) -> None:
