@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """examples:
   obsdesign check scenarios/aerosonde_wind.toml
   obsdesign run scenarios/aerosonde_wind.toml --out reports/aerosonde_wind
+  obsdesign select path.csv --scenario scenarios/aerosonde_wind.toml
   obsdesign schema result > result.schema.json
 
 exit codes: 0 done, 1 the study says no (unobservable, infeasible, an expected value missed),
@@ -81,10 +82,16 @@ def _parser() -> argparse.ArgumentParser:
         "--jobs", type=_count(1), default=os.cpu_count() or 1, help="processes (default: %(default)s); the answer does not depend on it"
     )
     run.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    select = _verb(verbs, "select", _select, "choose the sensors along a path from a file, or along that of an earlier run")
+    select.add_argument("path", type=Path, help="CSV file with t, the states and perhaps the inputs, or a folder with a trajectory.csv")
+    select.add_argument("--scenario", type=Path, required=True, help="TOML file: vehicle, sensors, prior, time.segment, selection")
+    select.add_argument("--out", type=Path, help="folder for report.html, result.json, trajectory.csv, schedule.csv (default: none)")
+    select.add_argument("--seed", type=_count(0), help="overrides the scenario's seed")
+    select.add_argument("--quiet", action="store_true", help="no table")
     check = _verb(verbs, "check", _check, "read a scenario and say what is wrong with it; starts no solver")
     check.add_argument("scenario", type=Path, help="TOML file")
     check.add_argument("--quiet", action="store_true", help="say nothing when all is well")
-    for verb in (run, check):
+    for verb in (run, select, check):
         verb.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     schema = _verb(verbs, "schema", _schema, "print the JSON Schema of scenarios or of result.json")
     schema.add_argument("document", choices=("scenario", "result"))
@@ -131,6 +138,35 @@ def _run(options: argparse.Namespace) -> Exit:
 
         Console(highlight=False, soft_wrap=True).print(summary_of(result), f"\nWritten to {folder}/: open report.html")
     return _judge(result)
+
+
+def _select(options: argparse.Namespace) -> Exit:
+    from obsdesign.scenario.loading import load_scenario
+
+    scenario = load_scenario(options.scenario)
+    if options.out is not None:
+        _require_writable(options.out)
+
+    from rich.console import Console
+
+    from obsdesign.exchange.trajectory_csv import read_trajectory_csv
+    from obsdesign.report.folder import as_json, write_report
+    from obsdesign.report.result import result_of
+    from obsdesign.study.running import select_along
+
+    file = options.path / "trajectory.csv" if options.path.is_dir() else options.path
+    found = read_trajectory_csv(scenario.system, file)
+    # what is known of a scenario's own results is not asked of another path
+    study = select_along(scenario.model_copy(update={"expected": ()}), found.path, options.seed, found.notes)
+    result = result_of(study) if options.out is None else write_report(options.out, study)
+    if options.json:
+        print(as_json(result), end="")
+    elif not options.quiet:
+        from obsdesign.report.summary import schedule_of
+
+        written = () if options.out is None else (f"\nWritten to {options.out}/: open report.html",)
+        Console(highlight=False, soft_wrap=True).print(schedule_of(result), *found.notes, *written, sep="\n", markup=False)
+    return Exit.DONE
 
 
 def _check(options: argparse.Namespace) -> Exit:

@@ -353,7 +353,7 @@ def test_a_command_in_the_background_ignores_ctrl_c(tmp_path):
 def test_help_names_every_verb_and_exit_code(tmp_path):
     done = obsdesign("--help", folder=tmp_path)
     assert done.returncode == 0
-    for part in ("run", "check", "schema", "exit codes"):
+    for part in ("run", "select", "check", "schema", "exit codes"):
         assert part in done.stdout
 
 

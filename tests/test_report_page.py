@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -33,11 +34,11 @@ from obsdesign.report.naming import shortfall_in_words
 from obsdesign.report.page import page_of
 from obsdesign.report.result import result_of
 from obsdesign.report.rounding import MINUS, NARROW, percent, plain, polished, rounded
+from obsdesign.report.scheduling import losses_table, schedules_table, where_table
 from obsdesign.report.tables import (
     Table,
     checks_table,
     paths_table,
-    schedules_table,
     starts_table,
     subsets_table,
 )
@@ -106,7 +107,7 @@ constraints = [
 prices = [{kind = "path_length", per_unit = 0.001}]
 robust = {samples = 2}
 """
-SVGS = {"aerosonde": 8, "rover": 10, "robot": 9}
+SVGS = {"aerosonde": 9, "rover": 11, "robot": 10}
 
 
 class Document(HTMLParser):
@@ -188,6 +189,8 @@ def all_tables(study: Study) -> list[Table]:
         paths_table(study),
         *starts,
         schedules_table(study),
+        where_table(study),
+        losses_table(study),
         checks_table(study),
         *flown,
     ]
@@ -311,7 +314,7 @@ def test_ellipses_agree_with_the_bound_of_the_validation(study):
 def test_numbers_of_the_page_are_those_of_the_study(pages, aerosonde):
     page, schedule = pages["aerosonde"], aerosonde.selection.schedule
     for text in (rounded(aerosonde.designs[0].value), rounded(schedule.value), rounded(schedule.bound), percent(schedule.gap)):
-        assert text in page
+        assert escape(text) in page
     assert aerosonde.scenario.digest in page
     assert f"--seed {aerosonde.seed}" in page
 
@@ -434,11 +437,11 @@ def test_the_shortest_way_ends_where_it_is_nearest_to_the_goal(aerosonde):
     distance = np.hypot(*(whole.x[:, :2] - problem.constraints[0].point).T)
     assert candidate.path.steps == distance.argmin()
     assert candidate.feasible
-    assert candidate.duration < aerosonde.designed.duration
+    assert candidate.duration < aerosonde.main.duration
 
 
 def test_segments_cover_a_path_of_any_length_the_last_being_shorter(robot):
-    assert robot.designed.path.steps in (10, 11)
+    assert robot.main.path.steps in (10, 11)
     for candidate in robot.candidates:
         nodes, steps = candidate.nodes, candidate.path.steps
         assert nodes.tolist() == [0, 4, 8, steps]
@@ -454,18 +457,18 @@ def test_a_schedule_holds_within_its_segments(robot):
     assert [steps[k].tolist() for k in (0, 3, 4, 7, 8, 9)] == [chosen[k].tolist() for k in (0, 0, 1, 1, 2, 2)]
     assert len(steps) == 10
     on = facts.sensors_on(robot, robot.selection.schedule.chosen)
-    assert sum(on.values()) == pytest.approx(2 * robot.designed.duration)
+    assert sum(on.values()) == pytest.approx(2 * robot.main.duration)
 
 
 def test_a_value_about_some_states_is_the_least_information_about_them(robot):
-    quality, problem = robot.designed.qualities[0], robot.designs[0].problem
-    covariance = np.linalg.inv(problem.scaled(robot.designed.information.total))[:2, :2]
+    quality, problem = robot.main.qualities[0], robot.designs[0].problem
+    covariance = np.linalg.inv(problem.scaled(robot.main.information.total))[:2, :2]
     assert facts.value_of(robot, quality) == pytest.approx(1 / np.linalg.eigvalsh(covariance)[-1], rel=1e-6)
     assert "λmin about x, y [–]" in paths_table(robot).head
 
 
 def test_clearances_are_those_of_the_circle_by_differences_along_the_path(robot):
-    limit, path = robot.scenario.design.constraints[0], robot.designed.path
+    limit, path = robot.scenario.design.constraints[0], robot.main.path
     fine = od.simulate(robot.scenario.system, path.x[0], np.repeat(path.u, 1000, axis=0), path.step / 1000)
     off = np.hypot(*fine.x[:, :2].T) - 20.0
     speed = (off[1::1000] - off[:-1:1000]) / (path.step / 1000)
@@ -565,7 +568,7 @@ def test_the_document_has_the_flight_and_its_timings_apart(rover, aerosonde):
 def test_the_document_satisfies_its_schema(name, request):
     document = result_of(request.getfixturevalue(name)).model_dump(mode="json")
     jsonschema.Draft202012Validator(Result.model_json_schema()).validate(document)
-    assert document["schema_version"] == "1.2"
+    assert document["schema_version"] == "1.3"
     study = request.getfixturevalue(name)
     for candidate in study.candidates:
         assert document["paths"][candidate.name]["feasible"] == (document["paths"][candidate.name]["shortfalls"] == [])

@@ -18,8 +18,9 @@ import obsdesign.constraints
 import obsdesign.costs
 import obsdesign.criteria
 import obsdesign.paths
+import obsdesign.rules
 from obsdesign.families import kinds
-from obsdesign.scenario.schema import DesignTable
+from obsdesign.scenario.schema import DesignTable, SelectionTable
 from obsdesign.study.problem import problem_of
 
 SCENARIOS = sorted((Path(__file__).parent.parent / "scenarios").glob("*.toml"))
@@ -34,6 +35,21 @@ def design(lines: str) -> tuple[str, str]:
 def table(lines: str) -> tuple[str, str]:
     """A table to add, before that of the selection."""
     return ("[selection]", f"{lines}\n[selection]")
+
+
+def selection(lines: str) -> tuple[str, str]:
+    """Keys of [selection] to add."""
+    return ('naive = "gps"', f'naive = "gps"\n{lines}')
+
+
+def rules(*each: str) -> tuple[str, str]:
+    """Rules to add, one table each."""
+    return selection("".join(f"\n[[selection.rules]]\n{lines}\n" for lines in each))
+
+
+def rule(lines: str) -> tuple[str, str]:
+    """A rule to add."""
+    return rules(lines)
 
 
 PRICE = "[[design.prices]]\n{}\n"
@@ -166,6 +182,58 @@ BAD_INPUT = {
     "position in degrees": ("x = 0.0", "x_deg = 0.0", ["start.x_deg", "no angle"]),
     "metres in degrees": ("sigma = 2.0", "sigma_deg = 2.0", ["sensors[0].sigma_deg", "no angle"]),
     "time in degrees": ("duration = 120.0", "duration_deg = 120.0", ["time.duration_deg", "no angle"]),
+    "unknown criterion of a schedule": (*selection('criterion = "logdet"'), ["selection.criterion", "'logdet'", "did you mean 'log_det'"]),
+    "a schedule by the posterior": (
+        *selection('criterion = "posterior"'),
+        ["selection.criterion", "log_det, min_eigenvalue, trace_inverse"],
+    ),
+    "as many lost sensors as there are": (*selection("robust_to = 4"), ["selection.robust_to", "is 4", "below", "4"]),
+    "a gap below nothing": (*selection("gap = -1.0"), ["selection.gap", "-1.0", "greater than or equal to 0"]),
+    "a front of one point": (*selection("pareto = 1"), ["selection.pareto", "is 1", "at least 2"]),
+    "a front without energy": (*selection("pareto = 5"), ["selection.pareto", "is 5", "energy_budget"]),
+    "unknown rule": (*rule('kind = "energy_budgt"'), ["selection.rules[0].kind", "'energy_budgt'", "did you mean 'energy_budget'"]),
+    "unknown key of a rule": (
+        *rule('kind = "max_uses"\nsensor = "gps"\nmst = 3\nmost = 3'),
+        ["selection.rules[0].mst", "did you mean 'most'"],
+    ),
+    "missing key of a rule": (*rule('kind = "max_uses"\nsensor = "gps"'), ["selection.rules[0].most: missing key"]),
+    "unknown sensor of a rule": (*rule('kind = "max_uses"\nsensor = "gsp"\nmost = 3'), ["selection.rules[0].sensor", "did you mean 'gps'"]),
+    "a sensor by number": (*rule('kind = "max_uses"\nsensor = 0\nmost = 3'), ["selection.rules[0].sensor", "gps, magnetometer"]),
+    "unknown sensor of a list": (
+        *rule('kind = "exclusive"\nsensors = ["gps", "rnge"]'),
+        ["selection.rules[0].sensors", "'rnge'", "did you mean 'range'"],
+    ),
+    "unknown sensor of a table": (
+        *rule('kind = "energy_budget"\nlimit = 9.0\ncost = { gsp = 1.0 }'),
+        ["selection.rules[0].cost.gsp: unknown key", "did you mean 'gps'"],
+    ),
+    "a cost as a word": (*rule('kind = "energy_budget"\nlimit = 9.0\ncost = "much"'), ["selection.rules[0].cost: is 'much'", "number"]),
+    "a cost of a sensor as a word": (
+        *rule('kind = "energy_budget"\nlimit = 9.0\ncost = { gps = "much" }'),
+        ["selection.rules[0].cost.gps: is 'much'", "number"],
+    ),
+    "a cost below zero": (*rule('kind = "switching_cost"\ncost = -1.0'), ["selection.rules[0]", "cost is -1.0", "at least 0"]),
+    "a budget for nothing": (
+        *rule('kind = "energy_budget"\nlimit = 2.0\ncost = 3.0'),
+        ["selection.rules[0].limit", "is 2", "cheapest sensor", "3"],
+    ),
+    "a segment beyond the path": (
+        *rule('kind = "unavailable"\nsensor = "gps"\nsegments = [24]'),
+        ["selection.rules[0]", "segment is 24", "0 to 23"],
+    ),
+    "unavailable after the path": (
+        *rule('kind = "unavailable_between"\nsensor = "gps"\nfirst = 120.0\nlast = 130.0'),
+        ["selection.rules[0].first", "120 s", "before the end"],
+    ),
+    "a sensor that is never on": (
+        *rule('kind = "requires"\nsensor = "gps"\nother = "range"'),
+        ["selection.rules", "gps can never be on, with 1 per segment"],
+    ),
+    "a segment without a sensor": (
+        *rules(*(f'kind = "unavailable"\nsensor = "{name}"\nsegments = [3, 4]' for name in ("gps", "magnetometer", "range", "bearing"))),
+        ["selection.rules", "no sensor that may be on in segment 3 and 1 more"],
+    ),
+    "paths and a design": (*table('[[paths]]\nname = "line"\nlegs = [{ seconds = 120.0 }]'), ["paths", "designed or given"]),
     "syntax error": ("[vehicle]", "[vehicle", ["not valid TOML", "line 10", "column 9"]),
 }
 
@@ -295,6 +363,53 @@ def test_the_naive_sensor_may_be_a_name_or_a_list(written, sensors, tmp_path):
     assert od.load_scenario(file).naive_sensors == sensors
 
 
+GIVEN = AEROSONDE.parent / "dubins_sensor_selection.toml"
+BAD_PATHS = {
+    "unknown input": ("turn_rate = 0.08", "turn_rte = 0.08", ["paths[0].legs[0].inputs.turn_rte", "did you mean 'turn_rate'"]),
+    "too short": ("{ seconds = 120.0 }", "{ seconds = 100.0 }", ["paths[1].legs", "100 s", "120 s"]),
+    "between the steps": ("{ seconds = 120.0 }", "{ seconds = 119.5 }, { seconds = 0.5 }", ["paths[1].legs[0].seconds", "119.5 s", "1 s"]),
+    "one name twice": ('name = "curved"', 'name = "straight"', ["paths[1].name", "'straight'", "another path"]),
+    "no legs": ("[{ seconds = 120.0 }]", "[]", ["paths[1].legs", "at least 1"]),
+    "a flight": ("[validation]", FLIGHT.format(5.0, 40.0, "receding") + "[validation]", ["flight", "[[paths]]"]),
+    "starts": ("[validation]", "[design]\nstarts = 3\n[validation]", ["design.starts", "[[paths]]"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PATHS)
+def test_bad_given_paths_are_refused(case, tmp_path):
+    old, new, expected = BAD_PATHS[case]
+    text = GIVEN.read_text()
+    assert old in text
+    (tmp_path / "scenario.toml").write_text(text.replace(old, new, 1))
+    with pytest.raises(od.ScenarioError) as refused:
+        od.load_scenario(tmp_path / "scenario.toml")
+    for part in expected:
+        assert part in str(refused.value)
+
+
+def test_without_a_design_or_paths_there_is_nothing_to_study(tmp_path):
+    text = GIVEN.read_text()
+    text = text[: text.index("# A Dubins path")] + text[text.index("[selection]") :]
+    (tmp_path / "scenario.toml").write_text(text)
+    with pytest.raises(od.ScenarioError, match="design: missing key"):
+        od.load_scenario(tmp_path / "scenario.toml")
+
+
+def test_rules_are_what_the_file_says(tmp_path):
+    file = tmp_path / "scenario.toml"
+    budget = 'kind = "energy_budget"\nlimit = 30\ncost = { gps = 3.0, range = 1.5 }\nstart = 2.0'
+    dwell, reach = (
+        'kind = "minimum_dwell"\nleast = 2\nsensors = ["gps"]',
+        'kind = "unavailable_outside"\nsensor = "range"\ncentre = [0, 1]\nradius = 9.0',
+    )
+    file.write_text(changed(rules(budget, dwell, reach)))
+    assert od.load_scenario(file).selection.rules == (
+        od.EnergyBudget(30.0, {"gps": 3.0, "range": 1.5}, 2.0),
+        od.MinimumDwell(2, ("gps",)),
+        od.UnavailableOutside("range", (0.0, 1.0), 9.0),
+    )
+
+
 @pytest.mark.parametrize("file", SCENARIOS, ids=lambda file: file.stem)
 def test_every_scenario_is_fine_satisfies_the_published_schema_and_cites_its_truths(file):
     scenario = od.load_scenario(file)
@@ -325,12 +440,12 @@ def test_the_published_schema_refuses_what_the_program_refuses(change, tmp_path)
 
 def test_the_readme_names_every_kind_and_every_key_of_the_design():
     readme = (SCENARIOS[0].parent.parent / "README.md").read_text()
-    for package in (obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.criteria):
+    for package in (obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.criteria, obsdesign.rules):
         assert [kind for kind in kinds(package) if f"`{kind}`" not in readme] == []
     for name in (file.stem for file in SCENARIOS):
         assert f"(scenarios/{name}.toml)" in readme
     keys = set(DesignTable.model_fields) - {"path", "bounds", "rates", "constraints", "prices", "budgets", "starts", "suites"}
-    assert [key for key in keys if f"`{key}`" not in readme] == []
+    assert [key for key in keys | set(SelectionTable.model_fields) - {"rules"} if f"`{key}`" not in readme] == []
 
 
 def test_loading_a_scenario_loads_no_heavy_library():

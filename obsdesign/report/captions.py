@@ -7,8 +7,7 @@ import numpy as np
 from obsdesign.report import facts
 from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
-from obsdesign.report.figures.rivals import rival_values
-from obsdesign.report.naming import path_in_words
+from obsdesign.report.naming import path_in_words, schedule_criterion
 from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
 from obsdesign.study.record import Study
 
@@ -21,7 +20,7 @@ def on_the_map(study: Study) -> str:
     size = f"enlarged {factor} times" if factor > 1 else "to scale"
     return (
         f"Dark is where most is learnt about what is known least: the colour is v′Wₖv / v′Wv, the share that a segment of "
-        f"{seconds}{NARROW}s adds to what all sensors know in the weakest direction v of the designed path. Ellipses are "
+        f"{seconds}{NARROW}s adds to what all sensors know in the weakest direction v of {path_in_words(study.about)}. Ellipses are "
         f"{plain(SIGMAS)}σ of the position by the posterior Cramér-Rao bound with the chosen schedule, {size}."
     )
 
@@ -48,6 +47,8 @@ def on_the_eigenvectors(study: Study) -> str:
 
 def on_the_inputs(study: Study) -> str:
     """Say what the input histories show."""
+    if not study.designs:
+        return "What is asked of the vehicle along each path."
     between = "between" if len(study.scenario.design.bounds) == 1 else "each between"
     return f"What is asked of the vehicle, {between} its dotted bounds; the straight path, inputs as near 0 as they allow, is left out."
 
@@ -62,23 +63,9 @@ def on_the_clearance(study: Study) -> str:
 
 
 def _clearances(study: Study) -> str:
-    low, ours = (min(values[0].min() for values in clearances(study, name)) for name in (study.baseline, facts.DESIGNED))
+    low, ours = (min(values[0].min() for values in clearances(study, name)) for name in (study.baseline, study.about))
     low = 0.0 if low < 1e-9 else low
     return f"{rounded(low)}{NARROW}m at least, on the designed path {rounded(ours)}{NARROW}m"
-
-
-def on_the_raster(study: Study) -> str:
-    """Say how the raster is read."""
-    seconds = plain(study.scenario.time.segment)
-    return f"Blue is on, for {seconds}{NARROW}s each; a sensor without blue is not needed on this path when the others may be used."
-
-
-def on_the_rivals(study: Study) -> str:
-    """Say what the bars compare."""
-    best = max(list(rival_values(study).values())[1:])
-    value = study.selection.schedule.value
-    than = f"{rounded(value / best)} times as much as the best of the others" if best > 0 else "the others see nothing of one direction"
-    return f"What is known of the weakest combination of states under each schedule: the chosen one gives {than}."
 
 
 def on_the_errors(study: Study) -> str:
@@ -86,7 +73,7 @@ def on_the_errors(study: Study) -> str:
     runs = study.checks[0].validation.runs
     return (
         f"Solid: root mean square error of {runs} filter runs; dashed: the posterior Cramér-Rao bound, one standard deviation (1σ), "
-        "below which errors fall by chance only; shaded: up to 2σ of that bound on the designed path with the chosen schedule. "
+        f"below which errors fall by chance only; shaded: up to 2σ of that bound on {path_in_words(study.about)} with the chosen schedule. "
         "Good: solid on dashed, and low."
     )
 
@@ -126,7 +113,8 @@ def glossary(study: Study) -> tuple[tuple[str, str], ...]:
         ("cap", "smallest eigenvalue of a block of S W S that no path changes; no path exceeds it."),
         (
             "bound and gap",
-            "λmin of every schedule is below the bound, which follows from one matrix by a closed formula; gap = 1 − value / bound.",
+            f"{schedule_criterion(study)} of every schedule that keeps the rules is below the bound; "
+            + ("gap = bound − value." if study.scenario.selection.criterion == "log_det" else "gap = 1 − value / bound."),
         ),
         ("RMSE", "root mean square error over the filter runs, each with its own process noise, measurement noise and first estimate."),
         (

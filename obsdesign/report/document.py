@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from obsdesign.report.expectations import Expectation
 
-SCHEMA_VERSION = "1.2"
+SCHEMA_VERSION = "1.3"
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401
@@ -147,21 +147,53 @@ class DesignPart(_Part):
     starts: list[StartPart]
 
 
-class SelectionPart(_Part):
-    """The sensor schedule along the designed path."""
+class LossPart(_Part):
+    """A sensor is lost."""
 
+    kept: Number = Field(description="value of the schedule without it; null: too little is seen for the criterion")
+    rechosen: Number = Field(description="value of a schedule of the others; null as above")
+    bound: Number = Field(description="no schedule of the others is better than this")
+
+
+class ParetoPart(_Part):
+    """Information against what the energy budget counts: for each limit the best schedule found."""
+
+    limits: list[float]
+    spent: list[float]
+    values: list[Number]
+    bounds: list[Number] = Field(description="no schedule within the limit is better than this")
+    chosen: list[list[list[int]]] = Field(description="the schedules, (K, S) each")
+
+
+class SelectionPart(_Part):
+    """The sensor schedule along a path."""
+
+    criterion: str = Field(description="min_eigenvalue, log_det or trace_inverse of S W S, less what switching costs")
+    per_segment: int
+    robust_to: int = Field(description="how many sensors may be lost: the value is that of the worst loss")
+    rules: list[str]
     status: str
     chosen: list[list[int]] = Field(description="(K, S): 1 where the sensor is on in the segment")
-    value: Number = Field(description="lambda_min of S W S of the schedule")
-    bound: Number = Field(description="no schedule is better than this")
+    seconds: dict[str, float] = Field(description="how long each sensor is on [s]")
+    value: Number = Field(description="the criterion of the schedule")
+    bound: Number = Field(description="no schedule that keeps the rules is better than this")
     root_bound: Number
-    gap: Number = Field(description="1 - value / bound")
+    gap: Number = Field(description="1 - value / bound; bound - value for log_det")
     fractional_segments: int
-    dual: list[list[Number]] = Field(description="Z >= 0 with trace 1 that proves root_bound")
-    naive: dict[str, float] = Field(description="values of naive schedules")
-    random_best: float
-    random_median: float
+    nodes: int = Field(description="partial schedules that the proof looked at")
+    notes: list[str] = Field(description="what went otherwise than planned")
+    dual: list[Any] = Field(description="with offset and prices what proves root_bound: Z, (n, n), or one for each set of lost sensors")
+    offset: Number
+    prices: list[Number] = Field(description="what one more unit of each budget is worth")
+    forced_on: list[list[Number]] = Field(description="(K, S): how much root_bound falls when the sensor is forced on; null: impossible")
+    forced_off: list[list[Number]] = Field(description="(K, S): when it is forced off")
+    naive: dict[str, Number] = Field(description="values of naive schedules")
+    broken: dict[str, list[str]] = Field(description="the rules that naive schedules break")
+    random_best: Number = Field(description="of random schedules that keep the rules; null: none was found")
+    random_median: Number
     random_count: int
+    losses: dict[str, LossPart] = Field(description="by lost sensor")
+    pareto: ParetoPart | None = Field(description="null: none was asked for")
 
 
 class ValidationPart(_Part):
@@ -219,9 +251,10 @@ class Result(_Part):
     seed: int
     versions: dict[str, str]
     analyses: dict[str, dict[str, VerdictPart]] = Field(description="by manoeuvre, then by sensors joined with +")
-    designs: dict[str, DesignPart] = Field(description="by suite; all = all sensors")
+    designs: dict[str, DesignPart] = Field(description="by suite; all = all sensors; nothing where paths are given")
     paths: dict[str, PathPart]
-    selection: SelectionPart
+    selection: SelectionPart = Field(description="of the designed path, or of the first that is given")
+    selections: dict[str, SelectionPart] = Field(description="by path, where several are given")
     t: list[float] = Field(description="times of the histories below [s]")
     validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule")
     flight: FlightPart | None = Field(description="null: none was asked for")

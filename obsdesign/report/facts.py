@@ -9,7 +9,6 @@ import numpy as np
 from obsdesign.design.record import Cap
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.record import standard_deviations
-from obsdesign.scenario.schema import DESIGNED
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
 from obsdesign.study.record import CHOSEN, Analysis, Check, Quality, Study, every_step
@@ -77,11 +76,27 @@ def judges_all(study: Study) -> bool:
 
 def segment_nodes(study: Study) -> np.ndarray:
     """Times (K+1,) [s] between which the designed path has its K segments."""
-    return study.designed.path.t[study.designed.nodes]
+    return study.main.path.t[study.main.nodes]
+
+
+def or_zero(study: Study, value: float) -> float:
+    """Return the value of a schedule, 0 for a smallest eigenvalue that cannot be told from 0."""
+    if study.scenario.selection.criterion != "min_eigenvalue":
+        return value
+    total = np.linalg.eigvalsh(study.problem.scaled(study.main.information.total))
+    return 0.0 if 0 < abs(value) <= 10 * numerical_zero(total) else value
+
+
+def mark(study: Study) -> str:
+    """Return what tells the drawings of this path from those of the other given paths."""
+    place = [candidate.name for candidate in study.candidates].index(study.about)
+    return "" if study.designs or place == 0 else f"-{place + 1}"
 
 
 def cap_for(study: Study, sensors: tuple[str, ...]) -> Cap | None:
     """Return the upper bound on the criterion of every path for a suite, where there is one."""
+    if not study.designs:
+        return None
     return study.designs[study.suites.index(sensors)].cap
 
 
@@ -93,15 +108,15 @@ def outside_share(study: Study, quality: Quality, cap: Cap) -> float:
 
 def segment_shares(study: Study) -> np.ndarray:
     """v' W_k v / lambda_min (K,): what each segment of the designed path adds in its weakest direction v, all sensors on."""
-    return study.designed.contributions.weakest_shares.sum(axis=1)
+    return study.main.contributions.weakest_shares.sum(axis=1)
 
 
 def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
-    scenario, path = study.scenario, study.designed.path
-    active = active_steps(scenario.system, path, every_step(study.selection.schedule.chosen, study.designed.nodes))
+    scenario, path = study.scenario, study.main.path
+    active = active_steps(scenario.system, path, every_step(study.selection.schedule.chosen, study.main.nodes))
     J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
-    place = study.designs[0].problem.position
+    place = study.problem.position
     return np.linalg.inv(J)[np.ix_(range(len(J)), place, place)]
 
 
@@ -120,7 +135,7 @@ def sensors_on(study: Study, chosen: np.ndarray) -> dict[str, float]:
 
 def final_changes(study: Study) -> tuple[Change, ...]:
     """Compare the final RMSE per state on the designed path, chosen schedule, with the baseline's."""
-    ours, theirs = study.check(DESIGNED, CHOSEN).validation.rmse[-1], baseline(study).validation.rmse[-1]
+    ours, theirs = study.check(study.about, CHOSEN).validation.rmse[-1], baseline(study).validation.rmse[-1]
     return tuple(Change(signal, float(a), float(b)) for signal, a, b in zip(states_of(study), ours, theirs, strict=True))
 
 
@@ -131,7 +146,7 @@ def baseline(study: Study) -> Check:
 
 def settled_after(study: Study) -> float:
     """Time [s] after which consistency is judged."""
-    return SETTLED * study.designed.duration
+    return SETTLED * study.main.duration
 
 
 def peak(check: Check) -> tuple[float, float]:

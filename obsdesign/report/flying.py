@@ -37,7 +37,7 @@ def _lowest(study: Study, flight: Flight) -> list[Shortfall]:
     limits = tuple(each for each in study.scenario.design.constraints if _counts(study, each))
     if not limits:
         return []
-    functions = nodes_of(study.designs[0].problem.system.model, limits, ())
+    functions = nodes_of(study.problem.system.model, limits, ())
     values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
     found = []
     for i, limit in enumerate(limits):

@@ -6,9 +6,12 @@ import re
 
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.limits import Shortfall
-from obsdesign.report.rounding import NARROW, readable, rounded
+from obsdesign.report.rounding import NARROW, percent, readable, rounded
 from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
 from obsdesign.signals import Signal
+from obsdesign.study.record import Study
+
+CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
 # what a path does that breaks a limit, by the limit's name as messages call it
 _BREAKS = {
@@ -34,6 +37,18 @@ def path_in_words(name: str) -> str:
     """Return what a path is called in a sentence."""
     words = {WEAVE: "the best weave that meets the same limits", SHORTEST: "the shortest way to the goal", STRAIGHT: "the straight path"}
     return words.get(name, f"the path {name}" if " " in name else f"the {name} path")
+
+
+def schedule_criterion(study: Study, tex: bool = False) -> str:
+    """Return what the value of a schedule is called; tex: in a drawing."""
+    kind = study.scenario.selection.criterion
+    return r"$\lambda_{min}$" if tex and kind == "min_eigenvalue" else CRITERIA[kind]
+
+
+def gap_in_words(study: Study) -> str:
+    """Return the gap of the schedule: a share of the bound, or a difference where those count."""
+    gap = study.selection.schedule.gap
+    return rounded(gap) if study.scenario.selection.criterion == "log_det" else percent(gap)
 
 
 def shortfall_in_words(short: Shortfall) -> str:

@@ -23,7 +23,9 @@ from obsdesign.report.document import (
     EvidencePart,
     FlightPart,
     FlownPart,
+    LossPart,
     OptimumPart,
+    ParetoPart,
     PathPart,
     PlanPart,
     QualityPart,
@@ -37,8 +39,10 @@ from obsdesign.report.document import (
     VerdictPart,
 )
 from obsdesign.report.expectations import Expectation, expectations
+from obsdesign.report.facts import segment_nodes
 from obsdesign.report.flying import broken, final_errors, least_margin
-from obsdesign.study.record import Analysis, Candidate, Quality, Selection, Study
+from obsdesign.selection.pareto import Pareto
+from obsdesign.study.record import Analysis, Candidate, Quality, Study
 from obsdesign.validation import Validation
 
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
@@ -61,11 +65,12 @@ def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
 
 
 def _result(study: Study, expected: list[Expectation]) -> Result:
-    suites = [suite_key(study, suite) for suite in study.suites]
+    suites = [suite_key(study, suite) for suite in study.suites] if study.designs else []
     manoeuvres = dict.fromkeys(analysis.manoeuvre for analysis in study.analyses)
     checks: dict[str, dict[str, ValidationPart]] = {}
-    for check in study.checks:
-        checks.setdefault(check.path, {})[check.schedule] = _validation(study, check.validation)
+    for each in study.each:
+        for check in each.checks:
+            checks.setdefault(check.path, {})[check.schedule] = _validation(study, check.validation)
     return Result(
         schema_version=SCHEMA_VERSION,
         scenario=_scenario(study),
@@ -76,8 +81,9 @@ def _result(study: Study, expected: list[Expectation]) -> Result:
         },
         designs={suite: _design(design) for suite, design in zip(suites, study.designs, strict=True)},
         paths={candidate.name: _path(study, candidate) for candidate in study.candidates},
-        selection=_selection(study.selection),
-        t=study.checks[0].validation.t.tolist(),
+        selection=_selection(study),
+        selections={each.about: _selection(each) for each in study.each},
+        t=study.main.path.t.tolist(),
         validation=checks,
         flight=None if study.flight is None else _flight(study, study.flight),
         expected=expected,
@@ -173,21 +179,46 @@ def _quality(quality: Quality) -> QualityPart:
     return QualityPart(value=quality.value, eigenvalues=quality.eigenvalues.tolist(), std=quality.std.tolist())
 
 
-def _selection(selection: Selection) -> SelectionPart:
+def _selection(study: Study) -> SelectionPart:
+    selection, asked, sensors = study.selection, study.scenario.selection, study.scenario.sensor_names
     schedule, random = selection.schedule, selection.random_values
     return SelectionPart(
+        criterion=asked.criterion,
+        per_segment=asked.per_segment,
+        robust_to=asked.robust_to,
+        rules=[str(rule) for rule in asked.rules],
         status=schedule.status.name,
         chosen=schedule.chosen.astype(int).tolist(),
+        seconds=dict(zip(sensors, (np.diff(segment_nodes(study)) @ schedule.chosen).tolist(), strict=True)),
         value=schedule.value,
         bound=schedule.bound,
         root_bound=schedule.root_bound,
         gap=schedule.gap,
         fractional_segments=schedule.fractional,
+        nodes=schedule.nodes,
+        notes=list(schedule.notes),
         dual=schedule.dual.tolist(),
+        offset=schedule.offset,
+        prices=schedule.prices.tolist(),
+        forced_on=schedule.forced_on.tolist(),
+        forced_off=schedule.forced_off.tolist(),
         naive={rival.name: rival.value for rival in selection.rivals},
-        random_best=float(random[-1]),
-        random_median=float(random[len(random) // 2]),
+        broken={rival.name: list(rival.breaks) for rival in selection.rivals},
+        random_best=float(random[-1]) if len(random) else float("nan"),
+        random_median=float(random[len(random) // 2]) if len(random) else float("nan"),
         random_count=len(random),
+        losses={sensors[each.sensor]: LossPart(kept=each.kept, rechosen=each.rechosen, bound=each.bound) for each in selection.losses},
+        pareto=None if selection.pareto is None else _pareto(selection.pareto),
+    )
+
+
+def _pareto(front: Pareto) -> ParetoPart:
+    return ParetoPart(
+        limits=front.limits.tolist(),
+        spent=front.spent.tolist(),
+        values=front.values.tolist(),
+        bounds=front.bounds.tolist(),
+        chosen=[schedule.chosen.astype(int).tolist() for schedule in front.schedules],
     )
 
 

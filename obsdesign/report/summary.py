@@ -7,12 +7,22 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from obsdesign.report.document import DesignPart, Result, ValidationPart
+from obsdesign.report.document import DesignPart, Result, SelectionPart, ValidationPart
+from obsdesign.status import Status
+
+_CRITERIA = {"min_eigenvalue": "smallest eigenvalue"}
 
 
 def summary_of(result: Result) -> Group:
-    """Return what a terminal shows of a result: what is hidden, the paths, the schedule, the filter."""
-    return Group(_hidden(result), _paths(result), _schedule(result), _filter(result))
+    """Return what a terminal shows of a result: what is hidden, the paths, the schedules, the filter."""
+    several = len(result.selections) > 1
+    schedules = [_schedule(name if several else "", selection) for name, selection in result.selections.items()]
+    return Group(_hidden(result), _paths(result), *schedules, _filter(result))
+
+
+def schedule_of(result: Result) -> Group:
+    """Return what a terminal shows of a schedule alone: its value, when each sensor is on, what losing one costs."""
+    return Group(_schedule("", result.selection, "Which?"), _sensors(result.selection))
 
 
 def _table(title: str, *columns: str) -> Table:
@@ -22,7 +32,7 @@ def _table(title: str, *columns: str) -> Table:
 def _hidden(result: Result) -> Table:
     table = _table("1 Can it?", "sensors", "manoeuvre", "seen", "hidden")
     everything = "+".join(result.scenario.sensors)
-    for suite in result.designs:
+    for suite in result.designs or ("all",):
         for manoeuvre, verdicts in result.analyses.items():
             verdict = verdicts[everything if suite == "all" else suite]
             table.add_row(suite, manoeuvre, f"{verdict.dimension} of {verdict.states}", verdict.hidden)
@@ -30,7 +40,7 @@ def _hidden(result: Result) -> Table:
 
 
 def _paths(result: Result) -> Table:
-    suites = list(result.designs)
+    suites = list(next(iter(result.paths.values())).quality)
     title = "2 How? (value: more is better; no unit, scaled by the prior)"
     table = _table(title, "path", "meets constraints", *(f"value ({suite})" for suite in suites))
     for name, path in result.paths.items():
@@ -51,14 +61,28 @@ def _cap(suite: str, design: DesignPart) -> str:
     return f"designed for {suite}: no path is above {design.cap.value:,.5g} ({block}); {reached}"
 
 
-def _schedule(result: Result) -> Table:
-    selection = result.selection
-    table = _table("3 Which? (value: more is better; no unit)", "schedule", "value")
+def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> Table:
+    name = _CRITERIA.get(selection.criterion, selection.criterion)
+    of = f" {path}:" if path else ""
+    table = _table(f"{title}{of} ({name} of S W S: more is better; no unit)", "schedule", "value")
     table.add_row("chosen", _number(selection.value))
-    table.add_row("no schedule is above", f"{_number(selection.bound)} (gap {selection.gap:.2%})")
-    for name, value in selection.naive.items():
-        table.add_row(name, _number(value))
-    table.add_row(f"best of {selection.random_count} random", _number(selection.random_best))
+    gap = "none" if selection.gap is None else f"{selection.gap:.3g}" if selection.criterion == "log_det" else f"{selection.gap:.2%}"
+    table.add_row("no schedule is above", f"{_number(selection.bound)} (gap {gap})")
+    for each, value in selection.naive.items():
+        table.add_row(each + (" (breaks the rules)" if selection.broken[each] else ""), _number(value))
+    if selection.random_count:
+        table.add_row(f"best of {selection.random_count} random", _number(selection.random_best))
+    rules = [f"rule: {rule}" for rule in selection.rules]
+    table.caption = escape("\n".join([f"status: {Status[selection.status].value}", *rules, *selection.notes]))
+    return table
+
+
+def _sensors(selection: SelectionPart) -> Table:
+    table = _table("Sensors, and what is left when one is lost", "sensor", "on [s]", "kept", "chosen anew", "bound")
+    for name, seconds in selection.seconds.items():
+        loss = selection.losses.get(name)
+        left = ("", "", "") if loss is None else (_number(loss.kept), _number(loss.rechosen), _number(loss.bound))
+        table.add_row(name, f"{seconds:g}", *left)
     return table
 
 

@@ -11,8 +11,7 @@ from obsdesign.analysis.verdict import Verdict
 from obsdesign.information.shares import shortest_bulk
 from obsdesign.report import facts
 from obsdesign.report.designing import objective_name
-from obsdesign.report.figures.rivals import rival_values
-from obsdesign.report.naming import shortfalls_in_words
+from obsdesign.report.naming import path_in_words, shortfalls_in_words
 from obsdesign.report.rounding import MINUS, NARROW, label, plain, polished, readable, rounded
 from obsdesign.report.wording import criterion_name
 from obsdesign.signals import Signal
@@ -92,14 +91,14 @@ def paths_table(study: Study) -> Table:
         f"Good: large {name}, small standard deviations. Eigenvalues are of S W S, S the prior's standard deviations: λmin has no unit. "
         "Standard deviations are the Cramér-Rao bound on the start state from all measurements, without prior and process noise; "
         "hidden: no bound at all.",
-        ("path", *sensors, *durations, *values, *states, "meets the limits", *cap),
+        ("path", *sensors, *durations, *values, *states, *(("meets the limits",) if _has_limits(study) else ()), *cap),
         rows,
     )
 
 
 def contributions_table(study: Study) -> Table:
     """Which sensor says how much about each state along the designed path, and where most of it comes from."""
-    found = study.designed.contributions
+    found = study.main.contributions
     rows = [
         (
             Cell(label(signal)),
@@ -111,7 +110,7 @@ def contributions_table(study: Study) -> Table:
     ]
     weakest = (Cell("weakest combination"), Cell(DASH), *map(_percentage, found.weakest_shares.sum(axis=0)))
     return Table(
-        "Who says what on the designed path, all sensors on",
+        f"Who says what on {path_in_words(study.about)}, all sensors on",
         "Good: small standard deviations that do not hang on one sensor. Known to: the Cramér-Rao bound on the start state; the shares of "
         "the sensors in what is known add up to 100; most of it: the shortest stretch that holds 70 % of the largest share.",
         ("state", "known to", *(f"{name} [%]" for name in found.sensors), "most of it"),
@@ -149,25 +148,6 @@ def starts_table(study: Study, suite: int) -> Table:
         f"Starts of the solver, designed for {words}",
         f"Good: large {name}, and several starts that agree on it. The best (green) is taken; each is a local optimum at best.",
         ("start", f"{name} [–]", "iterations [–]", "status"),
-        rows,
-    )
-
-
-def schedules_table(study: Study) -> Table:
-    """lambda_min of the bound, the chosen schedule, the naive ones, and all sensors on throughout."""
-    bound = study.selection.schedule.bound
-    values = {"no schedule is above": bound} | rival_values(study)
-    total = study.designs[0].problem.scaled(study.designed.information.total)
-    values["all sensors on, for comparison"] = float(np.linalg.eigvalsh(total)[0])
-    rows = tuple(
-        (Cell(name), Cell(rounded(value), "good" if name == facts.CHOSEN else ""), Cell(rounded(100 * value / bound)))
-        for name, value in values.items()
-    )
-    per_segment = study.scenario.selection.per_segment
-    return Table(
-        "Schedules on the designed path",
-        f"Good: large λmin of S W S, near the bound that no schedule with {per_segment} on at a time exceeds.",
-        ("schedule", "λmin [–]", "of the bound [%]"),
         rows,
     )
 
@@ -216,9 +196,13 @@ def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cel
         Cell(rounded(facts.value_of(study, quality)), "bad" if facts.value_of(study, quality) in (0.0, float("-inf")) else ""),
         *(Cell(rounded(value)) for value in shown),
         *(_deviation(value, signal) for value, signal in zip(quality.std, facts.states_of(study), strict=True)),
-        limits,
+        *((limits,) if _has_limits(study) else ()),
         *([_cap_cell(study, candidate, quality)] if _has_cap(study) else []),
     )
+
+
+def _has_limits(study: Study) -> bool:
+    return bool(study.designs or study.scenario.design.constraints) and bool(study.checks)
 
 
 def _has_cap(study: Study) -> bool:

@@ -5,32 +5,34 @@ from __future__ import annotations
 import numpy as np
 
 from obsdesign.report import facts
-from obsdesign.report.figures.rivals import rival_values
-from obsdesign.report.naming import path_in_words
+from obsdesign.report.naming import CRITERIA, path_in_words
 from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, rounded, with_unit
-from obsdesign.scenario.schema import STRAIGHT, WEAVE
+from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.study.record import Check, Study
 
 _FEW = 2  # manoeuvres that are told one by one
-_CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
 
 def criterion_name(study: Study) -> str:
     """Return what the value of a path is called."""
     kind, about = study.scenario.design.criterion, study.scenario.design.about
-    name = _CRITERIA.get(kind, kind.replace("_", " "))
+    name = CRITERIA.get(kind, kind.replace("_", " "))
     return f"{name} about {', '.join(about)}" if about else name
 
 
 def answer(study: Study) -> str:
     """Answer the study's question in one sentence: the errors at the end, against flying and measuring without thinking."""
-    changes, check = facts.final_changes(study), study.check(facts.DESIGNED, facts.CHOSEN)
+    if not study.checks:
+        return _capital(schedule_in_words(study)) + "."
+    changes, check = facts.final_changes(study), study.check(study.about, facts.CHOSEN)
     better = [change for change in changes if change.is_better]
     seen = "Yes" if better and check.validation.consistent else "In part"
-    how = f"on the designed path, with {_schedule_in_words(study)}, a filter ends up"
+    how = f"on {path_in_words(study.about)}, with {schedule_in_words(study)}, a filter ends up"
     than = f"{path_in_words(study.baseline)} with {facts.baseline(study).schedule}"
+    if not study.designs:
+        than = facts.baseline(study).schedule
     if not better:
-        return f"{seen}: {how} with errors no smaller than on {than}{_honesty(check)}."
+        return f"{seen}: {how} with errors no smaller than {'on' if study.designs else 'with'} {than}{_honesty(check)}."
     gains = joined([f"{change.signal.name} to {with_unit(change.ours, change.signal)}" for change in better])
     losses = joined([with_unit(change.theirs, change.signal) for change in better])
     return f"{seen}: {how} knowing {gains} (RMSE), where {than} leaves {losses}{_price(study)}{_honesty(check)}."
@@ -49,7 +51,8 @@ def _honesty(check: Check) -> str:
     return "" if check.validation.consistent else f"; but the filter is {check.validation.verdict}"
 
 
-def _schedule_in_words(study: Study) -> str:
+def schedule_in_words(study: Study) -> str:
+    """Say how many sensors are on at a time, and for how long each."""
     count, sensors = study.scenario.selection.per_segment, len(study.scenario.sensors)
     on = facts.sensors_on(study, study.selection.schedule.chosen)
     times = ", ".join(f"{name} {plain(seconds)}{NARROW}s" for name, seconds in on.items())
@@ -105,7 +108,7 @@ def proven(study: Study) -> str:
 
 def taken(study: Study) -> str:
     """Answer "How?": the designed path against constant inputs and the weave."""
-    ours, known = _value(study, facts.DESIGNED), {candidate.name for candidate in study.candidates}
+    ours, known = _value(study, DESIGNED), {candidate.name for candidate in study.candidates}
     names = dict.fromkeys((study.baseline, *(each.name for each in study.scenario.baselines), STRAIGHT, WEAVE))
     rivals = [f"{_gain(study, ours, _value(study, name))} {path_in_words(name)}" for name in names if name in known]
     design, name = study.designs[0], criterion_name(study)
@@ -113,6 +116,13 @@ def taken(study: Study) -> str:
         f"Take the coloured path: with all sensors on, {name} is {rounded(ours)}, {joined(rivals)}; "
         f"it is {design.status.value}, not proven global."
     )
+
+
+def rated(study: Study) -> str:
+    """Say how much all sensors know on each given path."""
+    name = criterion_name(study)
+    values = [f"{rounded(_value(study, each.name))} on {path_in_words(each.name)}" for each in study.candidates]
+    return f"With all sensors on, {name} is {joined(values)}."
 
 
 def _value(study: Study, path: str) -> float:
@@ -162,29 +172,9 @@ def weave_in_words(study: Study) -> str:
     )
 
 
-def chosen(study: Study) -> str:
-    """Answer "Which?": when each sensor is on, how far that is from the best, what the others reach."""
-    schedule = study.selection.schedule
-    others = joined([f"{name} reaches {rounded(value)}" for name, value in list(rival_values(study).items())[1:-2]])
-    return (
-        f"{_capital(_schedule_in_words(study))}: λmin is {rounded(schedule.value)}, at most {percent(schedule.gap)} below the best of all "
-        f"schedules ({schedule.status.value}); {others}."
-    )
-
-
-def relaxed(study: Study) -> str:
-    """Say how the schedule was found."""
-    undecided, segments = study.selection.schedule.fractional, len(study.selection.schedule.chosen)
-    left = f"leaves {undecided} of {segments} segments undecided; these are rounded" if undecided else "decides every segment"
-    return (
-        f"The schedule comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can. "
-        "The bound follows from the relaxation's dual matrix alone, so it holds whatever the solver did."
-    )
-
-
 def held(study: Study) -> str:
     """Answer "Does it hold?": consistency on the designed path, and what the chosen schedule is worth at the end."""
-    check = study.check(facts.DESIGNED, facts.CHOSEN)
+    check = study.check(study.about, facts.CHOSEN)
     validation, after = check.validation, f"{plain(facts.settled_after(study))}{NARROW}s"
     yes = "Yes" if validation.consistent else "Not quite"
     band = f"the run-averaged NEES lies in its 95{NARROW}% band at {percent(validation.in_band)} of the instants after {after}"
@@ -196,7 +186,7 @@ def held(study: Study) -> str:
     )
     contrast = "not so on" if validation.consistent else "nor is it consistent on"
     tail = f"; {contrast} {rest}" if others else ""
-    return f"{yes}: on the designed path with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
+    return f"{yes}: on {path_in_words(study.about)} with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
 
 
 def reasons(study: Study) -> tuple[str, ...]:
@@ -207,7 +197,7 @@ def reasons(study: Study) -> tuple[str, ...]:
     if worse and not last.all():
         on = joined([name for name, kept in zip(study.scenario.sensor_names, last, strict=True) if kept])
         found.append(
-            f"The final error in {joined(worse)} is larger than on {path_in_words(study.baseline)} with "
+            f"The final error in {joined(worse)} is larger than {_on_the_baseline(study)}with "
             f"{facts.baseline(study).schedule}: the schedule is chosen for what the whole path says about the start state, not for the "
             f"last instant, and the last segment has only {on}."
         )
@@ -232,6 +222,10 @@ def _reason(study: Study, check: Check) -> str:
     if early and highest > 1.5 * validation.nees_interval[1]:
         return f"{peaks}; the linearisation error of that moment is forgotten later."
     return ""
+
+
+def _on_the_baseline(study: Study) -> str:
+    return f"on {path_in_words(study.baseline)} " if study.designs else ""
 
 
 def _named(schedule: str) -> str:

@@ -12,9 +12,11 @@ from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import Grid
-from obsdesign.scenario.schema import DESIGNED, SHORTEST, STRAIGHT, WEAVE, Scenario
+from obsdesign.scenario.rules import rule_problems
+from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE, Leg, Scenario
 from obsdesign.scenario.wording import Location, Problem, unknown_key, unknown_name
 
+_OF_GIVEN_PATHS = ("criterion", "about", "suites", "constraints")  # keys of [design] that hold for them too
 _ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
@@ -24,6 +26,8 @@ def contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
     yield from _selection_problems(scenario)
+    yield from rule_problems(scenario)
+    yield from _given_problems(scenario)
     yield from _criterion_problems(scenario)
     yield from _baseline_problems(scenario)
     yield from _time_problems(scenario)
@@ -39,10 +43,11 @@ def _name_problems(scenario: Scenario) -> Iterator[Problem]:
         (("start",), tuple(scenario.start), states, True),
         (("prior",), tuple(scenario.prior), states, True),
         (("process_noise",), tuple(scenario.process_noise), states, False),
-        (("design", "bounds"), tuple(scenario.design.bounds), inputs, True),
+        (("design", "bounds"), tuple(scenario.design.bounds), inputs, scenario.design.path is not None),
         (("design", "rates"), tuple(scenario.design.rates), inputs, False),
         *((("manoeuvres", i, "held"), tuple(each.held), inputs, False) for i, each in enumerate(scenario.manoeuvres)),
         *((("baselines", i, "inputs"), tuple(each.inputs), inputs, False) for i, each in enumerate(scenario.baselines)),
+        *((place, tuple(leg.inputs), inputs, False) for place, leg in _legs(scenario)),
         *((place, tuple(name for name, _ in cost.weights), inputs, False) for place, cost in _efforts(scenario)),
     ]
     for location, given, accepted, complete in tables:
@@ -55,6 +60,12 @@ def _efforts(scenario: Scenario) -> Iterator[tuple[Location, Effort]]:
         for i, each in enumerate(getattr(scenario.design, key)):
             if isinstance(each.cost, Effort):
                 yield ("design", key, i, "weights"), each.cost
+
+
+def _legs(scenario: Scenario) -> Iterator[tuple[Location, Leg]]:
+    for i, path in enumerate(scenario.paths):
+        for j, leg in enumerate(path.legs):
+            yield ("paths", i, "legs", j, "inputs"), leg
 
 
 def _value_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -81,7 +92,13 @@ def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[
 
 
 def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
-    each, sensors, naive = scenario.selection.per_segment, len(scenario.sensors), scenario.selection.naive
+    asked, sensors = scenario.selection, len(scenario.sensors)
+    each, naive = asked.per_segment, asked.naive
+    criteria = [kind for kind in kinds(obsdesign.criteria) if kind != "posterior"]  # which is no sum over sensors
+    if asked.criterion not in criteria:
+        yield Problem(("selection", "criterion"), unknown_name(asked.criterion, criteria))
+    if asked.robust_to >= sensors:
+        yield Problem(("selection", "robust_to"), f"is {asked.robust_to}: must be below the number of sensors, {sensors}")
     if each > sensors:
         yield Problem(("selection", "per_segment"), f"is {each}: must be at most the number of sensors, {sensors}")
     if len(naive) > each:
@@ -99,12 +116,40 @@ def _criterion_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("design", "evidence"), message)
 
 
+def _given_problems(scenario: Scenario) -> Iterator[Problem]:
+    """Paths are designed or given, not both."""
+    if scenario.design.path is None and not scenario.paths:
+        yield Problem(("design", "path") if "design" in scenario.model_fields_set else ("design",), "missing key")
+    if scenario.design.path is not None and scenario.paths:
+        yield Problem(("paths",), "does not go with design.path: paths are designed or given; [[baselines]] are compared with a design")
+    if scenario.paths:
+        idle = [("design", key) for key in sorted(scenario.design.model_fields_set - set(_OF_GIVEN_PATHS))]
+        idle += [(key,) for key in ("baselines", "flight") if getattr(scenario, key)]
+        yield from (Problem(place, "does not go with [[paths]]: nothing is designed") for place in idle if place != ("design", "path"))
+    names = [path.name for path in scenario.paths]
+    for i, path in enumerate(scenario.paths):
+        if path.name in names[:i]:
+            yield Problem(("paths", i, "name"), f"is {path.name!r}: another path has that name")
+        yield from _leg_problems(scenario, i)
+
+
+def _leg_problems(scenario: Scenario, i: int) -> Iterator[Problem]:
+    time, legs = scenario.time, scenario.paths[i].legs
+    for j, leg in enumerate(legs):
+        if whole_multiple(leg.seconds, time.step) is None:
+            message = f"is {leg.seconds:g} s: must be a whole multiple of the step, {time.step:g} s"
+            yield Problem(("paths", i, "legs", j, "seconds"), message)
+    total = sum(leg.seconds for leg in legs)
+    if abs(total - time.duration) > _ROUNDING * time.duration:
+        yield Problem(("paths", i, "legs"), f"take {total:g} s: must be time.duration, {time.duration:g} s")
+
+
 def _baseline_problems(scenario: Scenario) -> Iterator[Problem]:
     names = [each.name for each in scenario.baselines]
     for i, name in enumerate(names):
         if name in names[:i]:
             yield Problem(("baselines", i, "name"), f"is {name!r}: another baseline has that name")
-        if name in (STRAIGHT, SHORTEST, WEAVE, DESIGNED) or name.startswith(f"{DESIGNED} for "):
+        if name in (STRAIGHT, SHORTEST, WEAVE, DESIGNED, GIVEN) or name.startswith(f"{DESIGNED} for "):
             yield Problem(("baselines", i, "name"), f"is {name!r}: the study calls another path so")
 
 
@@ -126,6 +171,8 @@ def _time_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _path_problems(scenario: Scenario, duration: float) -> Iterator[Problem]:
+    if scenario.design.path is None:
+        return
     names = tuple(signal.name for signal in scenario.vehicle.inputs)
     lower, upper = (tuple(scenario.design.bounds.get(name, (-1.0, 1.0))[side] for name in names) for side in (0, 1))
     try:

@@ -12,6 +12,7 @@ from pydantic_core import CoreSchema
 import obsdesign.constraints
 import obsdesign.costs
 import obsdesign.paths
+import obsdesign.rules
 import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.families import kinds, leaf
@@ -22,21 +23,22 @@ _Json = dict[str, Any]
 # every class that a table may name under `kind`
 LEAVES = {
     kind: leaf(package, kind)
-    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs)
+    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.rules)
     for kind in kinds(package)
 }
 
 
 def family_of(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run time
-    """Return the union of a family's leaves, told apart by the key `kind`."""
+    """Return the union of a family's leaves, told apart by the key `kind`; rules keep tables as they are, and have no angles."""
+    rules = package is obsdesign.rules
 
     def kind_of(table: Any) -> str | None:  # noqa: ANN401
         return table.get("kind") if isinstance(table, dict) else None
 
     def without_kind(table: dict[str, Any]) -> dict[str, Any]:
-        return {key: _tuples(value) for key, value in table.items() if key != "kind"}
+        return {key: _tuples(value, tables=rules) for key, value in table.items() if key != "kind"}
 
-    members = [Annotated[LEAVES[kind], BeforeValidator(without_kind), _Kind(kind), Tag(kind)] for kind in kinds(package)]
+    members = [Annotated[LEAVES[kind], BeforeValidator(without_kind), _Kind(kind, angles=not rules), Tag(kind)] for kind in kinds(package)]
     # a second, empty tag: a union of one member is no union
     return Annotated[Union[(*members, Annotated[None, Tag("")])], Discriminator(kind_of)]
 
@@ -52,9 +54,9 @@ def flat(own: str) -> tuple[Any, ...]:
     return BeforeValidator(apart), _Flat(own)
 
 
-def _tuples(value: Any) -> Any:  # noqa: ANN401
-    """Lists become tuples, tables pairs, as leaves keep them."""
-    items = list(value.items()) if isinstance(value, dict) else value
+def _tuples(value: Any, tables: bool = False) -> Any:  # noqa: ANN401
+    """Lists become tuples, tables pairs unless they stay tables, as leaves keep them."""
+    items = list(value.items()) if isinstance(value, dict) and not tables else value
     return tuple(_tuples(item) for item in items) if isinstance(items, list | tuple) else value
 
 
@@ -63,13 +65,14 @@ class _Kind:
     """Makes a leaf's JSON Schema that of its table in a file: with the key `kind`, numbers also in degrees, pairs as a table."""
 
     kind: str
+    angles: bool = True
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
         found = handler(core)
         table = handler.resolve_ref_schema(found)
         if "kind" not in table["properties"]:
             properties = {key: _as_table(item) for key, item in table["properties"].items()}
-            degrees = {f"{key}_deg": item for key, item in properties.items() if _is_number(item)}
+            degrees = {f"{key}_deg": item for key, item in properties.items() if self.angles and _is_number(item)}
             required = table.get("required", [])
             needed = [key for key in required if f"{key}_deg" not in degrees]
             either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}_deg"]}]} for key in required if key not in needed]

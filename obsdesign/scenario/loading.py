@@ -17,7 +17,7 @@ from obsdesign.scenario.contradictions import contradictions
 from obsdesign.scenario.degrees import in_radians, no_angles
 from obsdesign.scenario.leaves import COST, LEAVES
 from obsdesign.scenario.schema import Scenario
-from obsdesign.scenario.wording import Location, Problem, described, in_file, unknown_key
+from obsdesign.scenario.wording import Location, Problem, described, in_file, of_another_type, unknown_key
 
 _OWN = ("file", "digest")  # fields of the record that are no keys of the file
 
@@ -53,7 +53,7 @@ def _validated(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario |
         text = json.dumps({**in_radians(data), "file": file, "digest": digest}, default=str)
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
-        return None, [described(each, data, _keys_at) for each in error.errors()]
+        return None, [described(each, data, _keys_at) for each in error.errors() if not of_another_type(each, data)]
     wrong = [Problem(location, "is given in degrees: is no angle") for location in no_angles(data, scenario)]
     return scenario, wrong + [Problem(in_file(problem.location, data), problem.message) for problem in contradictions(scenario)]
 

@@ -10,6 +10,7 @@ import obsdesign.constraints
 import obsdesign.costs
 import obsdesign.criteria
 import obsdesign.paths
+import obsdesign.rules
 import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
@@ -30,6 +31,7 @@ class _Table(BaseModel):
 
 
 STRAIGHT, SHORTEST, WEAVE, DESIGNED = "straight", "shortest", "weave", "designed"  # what a study calls its own paths
+GIVEN = "given"  # and one that was read from a file
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -53,6 +55,20 @@ class Baseline(_Table):
 
     name: str = Field(min_length=1)
     inputs: dict[str, float]
+
+
+class Leg(_Table):
+    """A stretch of a given path: inputs held for so many seconds; those not named are 0."""
+
+    seconds: float = Field(gt=0, description="[s]")
+    inputs: dict[str, float] = {}
+
+
+class GivenPath(_Table):
+    """A path that is given instead of designed: from the start, leg by leg, time.duration in all."""
+
+    name: str = Field(min_length=1)
+    legs: tuple[Leg, ...] = Field(min_length=1)
 
 
 class PriceTable(_Table):
@@ -85,10 +101,12 @@ class RobustTable(_Table):
 
 
 class DesignTable(_Table):
-    """How to move: what is varied, within which limits, judged by what."""
+    """How to move: what is varied, within which limits, judged by what; where paths are given, by what they are judged."""
 
-    path: family_of(obsdesign.paths)  # pyright: ignore[reportInvalidTypeForm]
-    bounds: dict[str, tuple[float, float]]
+    path: family_of(obsdesign.paths) | None = Field(  # pyright: ignore[reportInvalidTypeForm]
+        default=None, description="the family of paths; needed unless [[paths]] are given"
+    )
+    bounds: dict[str, tuple[float, float]] = {}
     rates: dict[str, Positive] = Field(default={}, description="largest change per second of an input")
     criterion: str = "min_eigenvalue"
     about: tuple[str, ...] = Field(default=(), description="the states that are judged while the others are found as well; default: all")
@@ -113,7 +131,12 @@ def _listed(value: Any) -> Any:  # noqa: ANN401
 class SelectionTable(_Table):
     """Which sensors, when."""
 
-    per_segment: int = Field(default=1, ge=1)
+    per_segment: int = Field(default=1, ge=1, description="how many sensors may be on at a time")
+    criterion: str = Field(default="min_eigenvalue", description="min_eigenvalue, log_det or trace_inverse")
+    robust_to: int = Field(default=0, ge=0, description="how many sensors may be lost, whichever they are")
+    gap: float = Field(default=1e-9, ge=0, description="the search ends when the schedule is proven to be within this of the best")
+    pareto: int = Field(default=0, ge=0, description="points of the front of information against what an energy_budget counts")
+    rules: tuple[family_of(obsdesign.rules), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
     naive: Annotated[tuple[str, ...], BeforeValidator(_listed), WithJsonSchema(_NAMES)] = Field(
         default=(), description="the sensor, or per_segment of them, that the naive schedule keeps on; default: the first"
     )
@@ -158,7 +181,8 @@ class Scenario(_Table):
     time: Time
     manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
     baselines: tuple[Baseline, ...] = Field(default=(), description="paths to compare with; the first is the naive one")
-    design: DesignTable
+    paths: tuple[GivenPath, ...] = Field(default=(), description="paths that are studied as they are; then nothing is designed")
+    design: DesignTable = Field(default_factory=DesignTable)
     selection: SelectionTable = Field(default_factory=SelectionTable)
     validation: ValidationTable = Field(default_factory=ValidationTable)
     flight: FlightTable | None = None
@@ -201,6 +225,11 @@ class Scenario(_Table):
     def disturbance_psd(self) -> tuple[float, ...]:
         """Power spectral density (n,) of the process noise, unit^2/s."""
         return tuple(self.process_noise.get(name, 0.0) ** 2 for name in self.state_names)
+
+    @property
+    def schedule_criterion(self) -> AbstractCriterion:
+        """What a schedule is judged by."""
+        return leaf(obsdesign.criteria, self.selection.criterion)()
 
     @property
     def naive_sensors(self) -> tuple[str, ...]:

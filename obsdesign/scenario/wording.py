@@ -10,6 +10,7 @@ from typing import Any
 from obsdesign.scenario.degrees import SUFFIX
 from obsdesign.scenario.leaves import COST
 
+_TABLE = "dict["
 Location = tuple[str | int, ...]
 # (location of a table) -> the keys it accepts, or nothing where any are
 AcceptedKeys = Callable[[Location], Sequence[str]]
@@ -54,6 +55,15 @@ def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Pr
     return Problem(location, f"is {value!r}: {message[:1].lower()}{message[1:]}")
 
 
+def of_another_type(error: Mapping[str, Any], data: Any) -> bool:  # noqa: ANN401
+    """Whether an error of a value that may be a number or a table is about the one that was not given."""
+    location = error["loc"]
+    for place, part in enumerate(location):
+        if _is_type(part):
+            return isinstance(_at(data, in_file(location[:place], data)), Mapping) != str(part).startswith(_TABLE)
+    return False
+
+
 def unknown_key(key: str, accepted: Sequence[str]) -> str:
     """Return what to say of a key that nobody knows."""
     near = difflib.get_close_matches(key.removesuffix(SUFFIX), accepted, n=1)
@@ -72,12 +82,19 @@ def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
     """Return the location as it stands in the file: without the tags of unions and tables made here, with _deg where that was written."""
     found: list[str | int] = []
     for place, part in enumerate(location):
+        if _is_type(part) and not (isinstance(data, Mapping) and part in data):
+            continue
         if isinstance(data, Mapping) and (part == data.get("kind") or (part == COST and COST not in data)):
             continue
         in_degrees = isinstance(data, Mapping) and part not in data and f"{part}{SUFFIX}" in data
         found.append(f"{part}{SUFFIX}" if in_degrees else part)
         data = _at(data, (found[-1],)) if place < len(location) - 1 else data
     return tuple(found)
+
+
+def _is_type(part: str | int) -> bool:
+    """Whether a part of a location is one of the types of a number that may be a table: no key, but pydantic's name of it."""
+    return isinstance(part, str) and (part == "float" or part.startswith(_TABLE))
 
 
 def _at(data: Any, location: Location) -> Any:  # noqa: ANN401

@@ -91,7 +91,7 @@ def mixture_of(instance: Instance, shares: np.ndarray, dual: Dual) -> Relaxed:
 
 def closed(value: float, bound: float, gap: float, instance: Instance) -> bool:
     """Whether value and bound are one to within `gap`: relative, or absolute for a criterion whose differences count."""
-    return bound - value <= gap * size_of(bound, instance)
+    return bound - value <= gap * size_of(bound, instance) or (instance.criterion.is_smallest_eigenvalue and bound <= instance.rounding)
 
 
 def size_of(bound: float, instance: Instance) -> float:

@@ -39,6 +39,12 @@ class Instance:
         """Limits of the resources."""
         return np.array([resource.limit for resource in self.resources])
 
+    @cached_property
+    def rounding(self) -> float:
+        """What an eigenvalue of 0 may come out as."""
+        everything = self.information(self.schedules.available)
+        return 4 * self.n * np.finfo(float).eps * float(np.abs(everything).max())
+
     def information(self, chosen: np.ndarray) -> np.ndarray:
         """W (R, n, n) in each scenario of loss."""
         if len(self.kept) == 1:  # in one piece, which is faster

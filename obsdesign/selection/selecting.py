@@ -33,7 +33,9 @@ _DUALS = 24  # the best of those met bound what is undecided
 _FRONTS = 1000  # of the branch and bound that get duals of their own: half a minute or so
 _NEAR = (40, 100)  # undecided segments of the first searches
 _MANY_STATES = 9  # from here on column generation takes more rounds than Newton's method in all
+_CENTRED = 1e-5  # of the value: what is left to the rounding is a hundred times as much
 _MANY_DIRECTIONS, _FEW_CHOICES = 80, 400
+_LATEST = 12  # columns among which the best one is polished, too
 _NODES = 4_000_000
 _DRAWN = ((400, 16), (4000, 6), (40_000, 1), (1 << 62, 0))  # choices K S, and how many roundings are drawn beside the best one
 
@@ -104,6 +106,12 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     def out_of_time() -> bool:
         return perf_counter() > ends
 
+    if not np.isfinite(instance.judged(instance.information(instance.schedules.available))):
+        if throw:
+            lost = ", when the worst of them are lost" if len(instance.kept) > 1 else ""
+            name = type(instance.criterion).__name__
+            raise InputError(f"criterion is {name}: it is -inf even with every available sensor on{lost}: some direction stays unseen")
+        return _failed(instance)
     found, notes = _relaxation(instance, wanted, first)
     if found is None:
         if throw:
@@ -134,11 +142,11 @@ class _Answer:
 
 
 def _relaxation(instance: Instance, wanted: Wanted, first: tuple[Dual, ...]) -> tuple[Relaxed | None, tuple[str, ...]]:
-    accuracy = min(max(0.1 * wanted.gap, 1e-10), 1e-5)
+    accuracy = min(max(0.1 * wanted.gap, 1e-9), 1e-5)
 
     def by_columns() -> Relaxed | None:
         if instance.n >= _MANY_STATES and serves(instance):
-            centre = centred(instance, accuracy)
+            centre = centred(instance, max(accuracy, _CENTRED))
             return mixture_of(instance, centre.shares, centre.dual)
         return relaxed(instance, accuracy, first)
 
@@ -157,12 +165,14 @@ def _incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wan
     """The best of the columns and of roundings of the relaxation, polished."""
     random = np.random.default_rng(wanted.seed)
     drawn = next(count for most, count in _DRAWN if np.prod(instance.shape) <= most)
-    columns = sorted((each.chosen for each in found.columns if instance.keeps_limits(each.chosen)), key=instance.value)[-2:]
     rounded = [] if instance.schedules.linked else [whole.rounded(None), *(whole.rounded(random) for _ in range(drawn))]
     nothing = np.zeros(instance.shape, dtype=bool)
     best = _Answer(nothing, instance.value(nothing), found.bound)
     rounded = [each for each in rounded if instance.keeps_limits(each)]
-    for start in [*rounded, *columns[-1:]] if drawn else (rounded or columns)[:1]:
+    if drawn or not rounded:
+        columns = [each.chosen for each in found.columns[-_LATEST:] if instance.keeps_limits(each.chosen)]
+        rounded += sorted(columns, key=instance.value)[-1:]
+    for start in rounded:
         if best.chosen.any() and out_of_time():
             break
         chosen, value = polished(instance, start, found.dual, found.bound)
@@ -229,7 +239,8 @@ def _certified(instance: Instance, dual: Dual, fractional: int, answer: _Answer,
     root = max(bound_of(instance, dual)[0], value)  # they may cross by a rounding error
     bound = min(max(answer.bound, value), root)
     size = size_of(bound, instance)
-    reached = (bound - value) / size if size > 0 else 0.0
+    nothing = closed(value, bound, 0.0, instance)  # nothing but rounding errors, perhaps: of a direction that stays unseen
+    reached = 0.0 if nothing else (bound - value) / size
     forced = instance.schedules.regrets(*instance.prices(dual))
     Z = dual.Z[0] if len(dual.Z) == 1 else dual.Z
     status = Status.OPTIMAL if reached <= gap else Status.GAP_OPEN

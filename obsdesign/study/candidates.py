@@ -36,7 +36,8 @@ def candidates_of(scenario: Scenario, designs: tuple[Design, ...]) -> tuple[Weav
         name = DESIGNED if design is designs[0] else f"{DESIGNED} for {' + '.join(suite)}"
         if design.trajectory is not None:
             paths[name] = design.trajectory
-    candidates = tuple(_candidate(scenario, designs, name, path) for name, path in paths.items())
+    problems = tuple(design.problem for design in designs)
+    candidates = tuple(candidate_of(scenario, problems, name, path) for name, path in paths.items())
     return None if found is None else found[0], candidates
 
 
@@ -64,11 +65,12 @@ def _shortest(problem: DesignProblem) -> Trajectory | None:
     return simulate(problem.system, problem.x0, u[:arrival], problem.step)
 
 
-def _candidate(scenario: Scenario, designs: tuple[Design, ...], name: str, path: Trajectory) -> Candidate:
-    problem, suites = designs[0].problem, suites_of(scenario)
+def candidate_of(scenario: Scenario, problems: tuple[DesignProblem, ...], name: str, path: Trajectory) -> Candidate:
+    """Return a path with its quality for each suite: one problem each."""
+    problem, suites = problems[0], suites_of(scenario)
     information = variational_gramian(problem.system, path)
-    nodes = np.append(np.arange(0, path.steps, round(scenario.time.segment / scenario.time.step)), path.steps)
-    qualities = tuple(rate(design.problem, path, information, suite) for design, suite in zip(designs, suites, strict=True))
+    nodes = np.append(np.arange(0, path.steps, round(scenario.time.segment / path.step)), path.steps)
+    qualities = tuple(rate(each, path, information, suite) for each, suite in zip(problems, suites, strict=True))
     said = contributions(problem.system, information, None, problem.units)
     first = nodes[:-1]
     shares, weakest = np.add.reduceat(said.shares, first, axis=1), np.add.reduceat(said.weakest_shares, first, axis=0)

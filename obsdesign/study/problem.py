@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from obsdesign.costs._terms import Budget, Price
 from obsdesign.design.problem import DesignProblem, Floor, Robust
+from obsdesign.errors import InputError
+from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.scenario.schema import Scenario
+from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.simulation import simulate
 from obsdesign.system import System
+from obsdesign.trajectory import Trajectory
 
 
 def start_of(scenario: Scenario) -> np.ndarray:
@@ -15,13 +22,47 @@ def start_of(scenario: Scenario) -> np.ndarray:
     return np.array([scenario.start[name] for name in scenario.state_names])
 
 
+def given_paths(scenario: Scenario) -> dict[str, Trajectory]:
+    """The paths that a scenario gives, by name: from the start, leg by leg."""
+    step, names = scenario.time.step, [signal.name for signal in scenario.vehicle.inputs]
+    paths = {}
+    for given in scenario.paths:
+        legs = [np.tile([leg.inputs.get(name, 0.0) for name in names], (round(leg.seconds / step), 1)) for leg in given.legs]
+        paths[given.name] = simulate(scenario.system, start_of(scenario), np.vstack(legs), step)
+    return paths
+
+
+def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Trajectory], constraints: bool = True) -> DesignProblem:
+    """Return what a scenario asks of given paths of one start and duration, for a suite; constraints: whether its own count."""
+    system, names = scenario.system, scenario.system.model.input_names
+    path, u = paths[0], np.vstack([path.u for path in paths])
+    reach = zip(names, u.min(axis=0) - 1.0, u.max(axis=0) + 1.0, strict=True)
+    return DesignProblem(
+        system=System(system.vehicle, _kept(system, suite)),
+        start=path.x[0],
+        duration=path.step * path.steps,
+        step=path.step,
+        path=PiecewiseConstant(1),
+        bounds={name: (float(low), float(high)) for name, low, high in reach},
+        criterion=scenario.criterion,
+        scale=[scenario.prior[name] for name in scenario.state_names],
+        constraints=scenario.design.constraints if constraints else (),
+        about=scenario.design.about,
+    )
+
+
+def _kept(system: System, suite: tuple[str, ...]) -> tuple[AbstractSensor, ...]:
+    return tuple(sensor for name, sensor in zip(system.sensor_names, system.sensors, strict=True) if name in suite)
+
+
 def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
     """Return what a scenario asks of the path for a suite of sensors."""
     system, design, time = scenario.system, scenario.design, scenario.time
-    kept = tuple(sensor for name, sensor in zip(system.sensor_names, system.sensors, strict=True) if name in suite)
     robust, floor = design.robust, design.floor
+    if design.path is None:
+        raise InputError("the scenario has no design.path: its paths are given")
     return DesignProblem(
-        system=System(system.vehicle, kept),
+        system=System(system.vehicle, _kept(system, suite)),
         start=start_of(scenario),
         duration=time.duration if design.shortest is None else (design.shortest, time.duration),
         step=time.step,

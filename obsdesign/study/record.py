@@ -9,12 +9,15 @@ import numpy as np
 
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.design.limits import Shortfall
+from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.weave import Weave
 from obsdesign.flight import Flight
 from obsdesign.information.record import Information
 from obsdesign.information.shares import Contributions
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Scenario
+from obsdesign.selection.losses import Loss
+from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
 from obsdesign.trajectory import Trajectory
 from obsdesign.validation import Validation
@@ -84,23 +87,27 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """A naive schedule (K, S) and its value."""
+    """A naive schedule (K, S), its value, and the rules that it breaks."""
 
     name: str
     chosen: np.ndarray
     value: float
+    breaks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The schedule for the designed path, and what one would have done without thinking.
+    """The schedule for a path, and what one would have done without thinking.
 
-    random_values: values of a thousand random schedules, sorted.
+    random_values: values of random schedules that keep the rules, sorted; losses: what losing each sensor costs, () for a single
+    one; pareto: information against energy, where asked for.
     """
 
     schedule: Schedule
     rivals: tuple[Rival, ...]
     random_values: np.ndarray
+    losses: tuple[Loss, ...] = ()
+    pareto: Pareto | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +122,17 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight: where one is asked for."""
+    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight: where one is asked for.
+
+    problems: what is asked of a path, for each suite. Where paths are given, nothing is designed: designs is empty, `about` names
+    the path that selection and validation are about, `others` are the studies of the other paths; analyses and checks are empty where
+    only a schedule was asked for. notes: what is to be said about the paths.
+    """
 
     scenario: Scenario
     seed: int
     analyses: tuple[Analysis, ...]
+    problems: tuple[DesignProblem, ...]
     designs: tuple[Design, ...]
     weave: Weave | None
     candidates: tuple[Candidate, ...]
@@ -127,6 +140,9 @@ class Study:
     checks: tuple[Check, ...]
     seconds: Mapping[str, float]
     flight: Flight | None = None
+    about: str = DESIGNED
+    others: tuple[Study, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def suites(self) -> tuple[tuple[str, ...], ...]:
@@ -135,13 +151,23 @@ class Study:
 
     @property
     def baseline(self) -> str:
-        """Name of the path that one would take without thinking."""
-        return baseline_of(self.scenario)
+        """Name of the path that one would take without thinking; where paths are given, of the path itself."""
+        return baseline_of(self.scenario) if self.designs else self.about
 
     @property
-    def designed(self) -> Candidate:
-        """The path designed for all sensors."""
-        return self.candidate(DESIGNED)
+    def problem(self) -> DesignProblem:
+        """What is asked of a path for all sensors."""
+        return self.designs[0].problem if self.designs else self.problems[0]
+
+    @property
+    def main(self) -> Candidate:
+        """The path that selection and validation are about: the one designed for all sensors, or a given one."""
+        return self.candidate(self.about)
+
+    @property
+    def each(self) -> tuple[Study, ...]:
+        """The studies of all paths that are given, this one first."""
+        return (self, *self.others)
 
     def candidate(self, name: str) -> Candidate:
         """Return the candidate of that name."""

@@ -4,25 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import combinations
 from time import perf_counter
 
-import numpy as np
-
 from obsdesign.analysis.question import observability_of
+from obsdesign.checks import whole_multiple
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.shaping import design_trajectory
+from obsdesign.errors import InputError
 from obsdesign.flight import Flight, fly
-from obsdesign.scenario.schema import DESIGNED, Scenario
-from obsdesign.selection.naive import always, at_random, round_robin
-from obsdesign.selection.selecting import select_sensors
-from obsdesign.selection.schedule import schedule_value
-from obsdesign.study.candidates import candidates_of
-from obsdesign.study.problem import problem_of, start_of
-from obsdesign.study.record import CHOSEN, Analysis, Candidate, Check, Rival, Selection, Study, baseline_of, every_step, suites_of
+from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
+from obsdesign.study.candidates import candidate_of, candidates_of
+from obsdesign.study.choosing import select
+from obsdesign.study.problem import given_paths, problem_along, problem_of, start_of
+from obsdesign.study.record import CHOSEN, Analysis, Candidate, Check, Selection, Study, baseline_of, every_step, suites_of
+from obsdesign.trajectory import Trajectory
 from obsdesign.validation import validate
 
-RANDOM_SCHEDULES = 1000
 Progress = Callable[[str], None]
 
 
@@ -33,18 +32,9 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     limits, InputError for a scenario whose values do not fit together.
     """
     seed = scenario.seed if seed is None else seed
-    tell = progress or (lambda _: None)
-    seconds: dict[str, float] = {}
-    began = perf_counter()
-
-    def stage(name: str, what: str) -> None:
-        nonlocal began
-        if name:
-            seconds[name] = perf_counter() - began
-        began = perf_counter()
-        if what:
-            tell(what)
-
+    if scenario.paths:
+        return _run_along(scenario, seed, executor, progress)
+    stage = _Stages(progress)
     stage("", "Can it? The observable space of every suite of sensors")
     problems = tuple(problem_of(scenario, suite) for suite in suites_of(scenario))
     analyses = analyse(scenario, seed)
@@ -57,11 +47,69 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     stage("design", f"Which? {segments} segments, {scenario.selection.per_segment} of {sensors} sensors on")
     selection = select(scenario, designed, designs[0].problem, seed)
     stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
-    checks = tuple(_checks(scenario, candidates, selection, seed, executor))
+    cases = tuple(next(each for each in candidates if each.name == name) for name in (DESIGNED, baseline_of(scenario)))
+    checks = tuple(_checks(scenario, cases, selection, seed, executor))
     stage("validate", "" if scenario.flight is None else f"In flight? A new plan every {scenario.flight.every:g} s")
     flight = _flight(scenario, problems[0], seed)
     stage("fly" if flight is not None else "", "")
-    return Study(scenario, seed, analyses, designs, weave, candidates, selection, checks, seconds, flight)
+    return Study(scenario, seed, analyses, problems, designs, weave, candidates, selection, checks, stage.seconds, flight)
+
+
+class _Stages:
+    """Tells of each stage when it begins, and keeps how long each took."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._tell = progress or (lambda _: None)
+        self._began = perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def __call__(self, name: str, what: str) -> None:
+        if name:
+            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - self._began
+        self._began = perf_counter()
+        if what:
+            self._tell(what)
+
+
+def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progress: Progress | None) -> Study:
+    """Answer the questions of a scenario whose paths are given."""
+    stage = _Stages(progress)
+    stage("", "Can it? The observable space of every suite of sensors")
+    analyses, paths = analyse(scenario, seed), given_paths(scenario)
+    problems = tuple(problem_along(scenario, suite, tuple(paths.values())) for suite in suites_of(scenario))
+    stage("analyse", f"How well? {len(paths)} given paths")
+    candidates = tuple(candidate_of(scenario, problems, name, path) for name, path in paths.items())
+    stage("rate", "")
+    studies: list[Study] = []
+    for each in candidates:
+        stage(
+            "",
+            f"Which? {each.name}: {len(each.nodes) - 1} segments, {scenario.selection.per_segment} of {len(scenario.sensors)} sensors on",
+        )
+        selection = select(scenario, each, problems[0], seed)
+        stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 2 cases")
+        checks = tuple(_checks(scenario, (each,), selection, seed, executor))
+        stage("validate", "")
+        studies.append(Study(scenario, seed, analyses, problems, (), None, candidates, selection, checks, stage.seconds, about=each.name))
+    return replace(studies[0], others=tuple(studies[1:]))
+
+
+def select_along(scenario: Scenario, path: Trajectory, seed: int | None = None, notes: tuple[str, ...] = ()) -> Study:
+    """Choose the sensors of a scenario along a path of its vehicle, and nothing else; its design does not count.
+
+    Raises InputError for a path whose step does not fit the scenario's segments and sensors, or that is shorter than a segment.
+    """
+    seed, segment = scenario.seed if seed is None else seed, scenario.time.segment
+    if whole_multiple(segment, path.step) is None:
+        raise InputError(f"the path has steps of {path.step:g} s: time.segment, {segment:g} s, must be a whole multiple of them")
+    if path.steps * path.step < segment:
+        raise InputError(f"the path takes {path.steps * path.step:g} s: must be at least one segment, {segment:g} s")
+    stage = _Stages(None)
+    problems = tuple(problem_along(scenario, suite, (path,), constraints=False) for suite in suites_of(scenario))
+    candidate = candidate_of(scenario, problems, GIVEN, path)
+    selection = select(scenario, candidate, problems[0], seed)
+    stage("select", "")
+    return Study(scenario, seed, (), problems, (), None, (candidate,), selection, (), stage.seconds, about=GIVEN, notes=notes)
 
 
 def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
@@ -72,21 +120,6 @@ def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
         Analysis(manoeuvre.name, subset, observability_of(model.only(subset), at=start_of(scenario), held=manoeuvre.held, seed=seed))
         for manoeuvre in scenario.manoeuvres
         for subset in subsets
-    )
-
-
-def select(scenario: Scenario, designed: Candidate, problem: DesignProblem, seed: int) -> Selection:
-    """Choose the sensors along the designed path, and rate the naive schedules."""
-    blocks = problem.scaled(designed.blocks)
-    (K, S), m, naive = blocks.shape[:2], scenario.selection.per_segment, scenario.naive_sensors
-    fixed = np.any([always(K, S, scenario.sensor_names.index(name)) for name in naive], axis=0)
-    rivals = [(f"{' + '.join(naive)} always", fixed), ("round robin", round_robin(K, S, m))]
-    random = np.random.default_rng([seed, 1])
-    values = [schedule_value(blocks, at_random(K, S, m, random)) for _ in range(RANDOM_SCHEDULES)]
-    return Selection(
-        schedule=select_sensors(blocks, m, seed=seed),
-        rivals=tuple(Rival(name, chosen, schedule_value(blocks, chosen)) for name, chosen in rivals),
-        random_values=np.sort(values),
     )
 
 
@@ -106,20 +139,20 @@ def _flight(scenario: Scenario, problem: DesignProblem, seed: int) -> Flight | N
 
 
 def _checks(
-    scenario: Scenario, candidates: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None
+    scenario: Scenario, cases: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None
 ) -> Iterator[Check]:
-    found = {candidate.name: candidate for candidate in candidates}
+    """Filter runs on each path, with the chosen schedule and with the naive one."""
     schedules = {CHOSEN: selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
-    for path in (DESIGNED, baseline_of(scenario)):
+    for case in cases:
         for name, chosen in schedules.items():
             validation = validate(
                 scenario.system,
-                found[path].path,
-                every_step(chosen, found[path].nodes),
+                case.path,
+                every_step(chosen, case.nodes),
                 prior=scenario.prior_at_start,
                 runs=scenario.validation.runs,
                 seed=seed,
                 executor=executor,
                 disturbance_psd=scenario.disturbance_psd,
             )
-            yield Check(path, name, chosen, validation)
+            yield Check(case.name, name, chosen, validation)

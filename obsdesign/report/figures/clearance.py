@@ -32,7 +32,7 @@ def clearance_figure(study: Study) -> str:
 def clearances(study: Study, name: str) -> list[np.ndarray]:
     """Return sqrt(f^2 + (T df/dt)^2) (1, N) [m] along a path at the beginning of every step, for every such constraint."""
     path, limits = study.candidate(name).path, _limits(study)
-    margins = nodes_of(study.designs[0].problem.system.model, limits, ()).values(path.x[:-1], path.u)
+    margins = nodes_of(study.problem.system.model, limits, ()).values(path.x[:-1], path.u)
     return [_distance(limit, margins[:, [i]].T) for i, limit in enumerate(limits)]
 
 
@@ -51,7 +51,7 @@ def _draw(study: Study, axes: Axes, which: int) -> None:
     limit, names = _limits(study)[which], tuple(candidate.name for candidate in study.candidates)
     light_grid(axes)
     axes.axhline(limit.clearance, color=INK, linewidth=1, linestyle=":")
-    t = study.designed.path.t
+    t = study.main.path.t
     for name in dict.fromkeys((study.baseline, DESIGNED)):
         axes.plot(t[:-1], clearances(study, name)[which][0], color=path_colour(name, names), label=name)
     axes.set(ylabel="clearance [m]", xlim=(t[0], t[-1]), ylim=(-0.03 * axes.get_ylim()[1], None))

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.facts import CHOSEN, DESIGNED, settled_after
+from obsdesign.report.facts import mark, settled_after
 from obsdesign.report.figures._drawing import FAINT, INK, inline_svg, legend_below, light_grid
-from obsdesign.report.figures.errors import case_colour, number_axis
+from obsdesign.report.figures.errors import case_colour, is_ours, number_axis
 from obsdesign.study.record import Study
 
 
@@ -20,16 +20,18 @@ def consistency_figure(study: Study) -> str:
         _draw_nees(study, axes)
         legend_below(figure, axes)
 
-    return inline_svg("consistency", "Run-averaged NEES over time with its 95 % band", 3.7, paint)
+    return inline_svg(f"consistency{mark(study)}", "Run-averaged NEES over time with its 95 % band", 3.7, paint)
 
 
 def _draw_nees(study: Study, axes: Axes) -> None:
     first = study.checks[0].validation
     light_grid(axes)
     for check in study.checks:
-        ours = (check.path, check.schedule) == (DESIGNED, CHOSEN)
+        ours = is_ours(study, check)
         look = {"linewidth": 1.6 if ours else 1.1, "zorder": 4 if ours else 3}
-        axes.plot(check.validation.t, check.validation.nees, color=case_colour(check), label=f"{check.path}, {check.schedule}", **look)
+        axes.plot(
+            check.validation.t, check.validation.nees, color=case_colour(study, check), label=f"{check.path}, {check.schedule}", **look
+        )
     axes.axhspan(*first.nees_interval, color=FAINT, alpha=0.7, linewidth=0, label="95 % band", zorder=1)
     begin = first.t[0] + settled_after(study)
     axes.axvline(begin, color=INK, linestyle=":", linewidth=1.2)

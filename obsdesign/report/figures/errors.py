@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from obsdesign.report.facts import CHOSEN, DESIGNED, states_of
+from obsdesign.report.facts import CHOSEN, mark, states_of
 from obsdesign.report.figures._drawing import BLUE, INK, ORANGE, SKY, VERMILLION, inline_svg, light_grid
 from obsdesign.report.rounding import label, readable
 from obsdesign.signals import Signal
@@ -38,25 +38,27 @@ def errors_figure(study: Study) -> str:
             panels[-1].legend(handles=_keys(study), loc="upper left", borderaxespad=0.0)
 
     description = "Root mean square error of every state over time with its Cramér-Rao bound"
-    return inline_svg("errors", description, 0.5 + 1.6 * rows + 0.9 * full, paint)
+    return inline_svg(f"errors{mark(study)}", description, 0.5 + 1.6 * rows + 0.9 * full, paint)
 
 
-def case_colour(check: Check) -> str:
-    """Return the colour of a case: blue for the designed path, red for the baseline, dark for the chosen schedule."""
+def case_colour(study: Study, check: Check) -> str:
+    """Return the colour of a case: blue for the path of the study, red for the baseline, dark for the chosen schedule."""
     colours = {(True, True): BLUE, (True, False): SKY, (False, True): VERMILLION, (False, False): ORANGE}
-    return colours[check.path == DESIGNED, check.schedule == CHOSEN]
+    return colours[check.path == study.about, check.schedule == CHOSEN] if study.designs or is_ours(study, check) else VERMILLION
 
 
-def _is_ours(check: Check) -> bool:
-    return (check.path, check.schedule) == (DESIGNED, CHOSEN)
+def is_ours(study: Study, check: Check) -> bool:
+    """Whether a case is the path that the study is about with the chosen schedule."""
+    return (check.path, check.schedule) == (study.about, CHOSEN)
 
 
 def _keys(study: Study) -> list[Line2D | Patch]:
     """What line and colour mean."""
-    cases = [Line2D([], [], color=case_colour(check), linewidth=2, label=f"{check.path}, {check.schedule}") for check in study.checks]
+    named = [(case_colour(study, check), f"{check.path}, {check.schedule}") for check in study.checks]
+    cases = [Line2D([], [], color=colour, linewidth=2, label=name) for colour, name in named]
     solid = Line2D([], [], color=INK, linewidth=1.1, label="RMSE")
     dashed = Line2D([], [], color=INK, linewidth=0.9, linestyle=_DASHED, label="bound, 1σ")
-    return [*cases, solid, dashed, Patch(color=BLUE, alpha=0.12, linewidth=0, label="bound, up to 2σ,\ndesigned, chosen")]
+    return [*cases, solid, dashed, Patch(color=BLUE, alpha=0.12, linewidth=0, label=f"bound, up to 2σ,\n{study.about}, chosen")]
 
 
 def _draw_state(study: Study, axes: Axes, which: int, signal: Signal) -> None:
@@ -65,7 +67,7 @@ def _draw_state(study: Study, axes: Axes, which: int, signal: Signal) -> None:
     lowest, highest = np.inf, 0.0
     for check in study.checks:
         t, rmse, bound = check.validation.t, factor * check.validation.rmse[:, which], factor * check.validation.bound[:, which]
-        colour, ours = case_colour(check), _is_ours(check)
+        colour, ours = case_colour(study, check), is_ours(study, check)
         axes.plot(t, rmse, color=colour, linewidth=1.6 if ours else 1.1, zorder=4 if ours else 3)
         axes.plot(t, bound, color=colour, linewidth=0.9, linestyle=_DASHED, zorder=2)
         if ours:

@@ -48,7 +48,7 @@ def _shapes(study: Study) -> list[Shape]:
 
 
 def _place(study: Study, states: np.ndarray) -> np.ndarray:
-    return states[:, list(study.designs[0].problem.position)]
+    return states[:, list(study.problem.position)]
 
 
 def _extent(study: Study, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +64,7 @@ def _extent(study: Study, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
 
 def _draw_paths(study: Study, flight: Flight, axes: Axes) -> None:
     truth, nodes = _place(study, flight.truth), planned_at(study, flight)
-    axes.plot(*_place(study, study.designed.path.x).T, color=QUIET, linewidth=1.1, linestyle="--", label="designed beforehand", zorder=2)
+    axes.plot(*_place(study, study.main.path.x).T, color=QUIET, linewidth=1.1, linestyle="--", label="designed beforehand", zorder=2)
     if flight.straight is not None:
         axes.plot(*_place(study, flight.straight.truth).T, color=VERMILLION, linewidth=1.1, label="inputs mid-range", zorder=2)
     axes.plot(*truth.T, color=BLUE, linewidth=2.4, label="true path", zorder=3)

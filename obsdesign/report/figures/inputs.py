@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
 from obsdesign.report.rounding import label, readable
-from obsdesign.scenario.schema import DESIGNED, STRAIGHT
+from obsdesign.scenario.schema import STRAIGHT
 from obsdesign.study.record import Study
 
 
@@ -32,12 +32,12 @@ def _draw_input(study: Study, axes: Axes, which: int) -> None:
     names = tuple(candidate.name for candidate in study.candidates)
     light_grid(axes)
     axes.margins(y=0.08)
-    for bound in study.scenario.design.bounds[signal.name]:
+    for bound in study.scenario.design.bounds[signal.name] if study.designs else ():
         axes.axhline(bound * factor, color=INK, linewidth=1, linestyle=":")
     for candidate in study.candidates:
-        if candidate.name == STRAIGHT:
+        if study.designs and candidate.name == STRAIGHT:
             continue
-        path, wide = candidate.path, candidate.name == DESIGNED
+        path, wide = candidate.path, candidate.name == study.about
         colour = path_colour(candidate.name, names)
         look = {"linewidth": 2.0 if wide else 1.1, "zorder": 3 if wide else 2, "color": colour, "label": candidate.name}
         axes.stairs(path.u[:, which] * factor, path.t, baseline=None, **look)

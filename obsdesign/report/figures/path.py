@@ -11,11 +11,12 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from obsdesign.report.facts import DESIGNED, position_covariances, segment_shares
+from obsdesign.report.facts import mark, position_covariances, segment_shares
 from obsdesign.report.figures._drawing import INK, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
+from obsdesign.report.naming import path_in_words
 from obsdesign.report.rounding import NARROW, plain, rounded
-from obsdesign.scenario.schema import SHORTEST, WEAVE
+from obsdesign.scenario.schema import DESIGNED, SHORTEST, WEAVE
 from obsdesign.study.record import Study
 
 SIGMAS = 2.0  # half axes of the ellipses
@@ -45,7 +46,7 @@ def path_figure(study: Study) -> str:
         _draw_arrows(study, axes, low, high)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
-    return inline_svg("path", "Map of the designed path, its baselines, beacons and limits", height, paint)
+    return inline_svg(f"path{mark(study)}", f"Map of {path_in_words(study.about)}, others, beacons and limits", height, paint)
 
 
 def ellipse_factor(study: Study) -> int:
@@ -63,13 +64,13 @@ def leaving(study: Study) -> tuple[str, ...]:
 
 
 def _positions(study: Study, name: str) -> np.ndarray:
-    return study.candidate(name).path.x[:, list(study.designs[0].problem.position)]
+    return study.candidate(name).path.x[:, list(study.problem.position)]
 
 
 def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
     """Corners (2,) of the frame [m]: what the map is about and the ellipses, with a margin."""
     low, high = _extent(study)
-    place, reach = _positions(study, DESIGNED)[_instants(study)], ellipse_factor(study) * _half_axes(study)[:, None]
+    place, reach = _positions(study, study.about)[_instants(study)], ellipse_factor(study) * _half_axes(study)[:, None]
     low, high = np.minimum(low, (place - reach).min(axis=0)), np.maximum(high, (place + reach).max(axis=0))
     margin = 0.05 * float(np.max(high - low))
     return low - margin, high + margin
@@ -77,7 +78,8 @@ def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
 
 def _extent(study: Study) -> tuple[np.ndarray, np.ndarray]:
     """Corners (2,) [m] of the designed paths, landmarks and constraints, and of other paths that do not need a much larger map."""
-    needed = [each.name for each in study.candidates if each.name in (SHORTEST, WEAVE) or each.name.startswith(DESIGNED)]
+    wanted = (SHORTEST, WEAVE, study.about)
+    needed = [each.name for each in study.candidates if each.name in wanted or each.name.startswith(f"{DESIGNED} for ")]
     points = [_positions(study, name) for name in needed]
     points += [shape.points for shape in _shapes(study) if not shape.wide]
     points += [np.array([point]) for point in study.scenario.system.model.landmarks]
@@ -102,17 +104,17 @@ def _draw_map(study: Study, axes: Axes) -> None:
 
 
 def _draw_baselines(study: Study, axes: Axes) -> None:
-    names, gone = [candidate.name for candidate in study.candidates if candidate.name != DESIGNED], leaving(study)
+    names, gone = [candidate.name for candidate in study.candidates if candidate.name != study.about], leaving(study)
     for i, name in enumerate(names):
         text = f"{name}, leaves the map" if name in gone else name
         axes.plot(*_positions(study, name).T, color="#999999", linewidth=1.1, linestyle=_DASHES[i % len(_DASHES)], label=text, zorder=2)
 
 
 def _draw_path(study: Study, figure: Figure, axes: Axes) -> None:
-    place, shares = _positions(study, DESIGNED), 100 * segment_shares(study)
+    place, shares = _positions(study, study.about), 100 * segment_shares(study)
     # each segment up to and including the first node of the next, so that the line has no gaps
     lines = LineCollection(
-        [place[first : last + 1] for first, last in pairwise(study.designed.nodes)],
+        [place[first : last + 1] for first, last in pairwise(study.main.nodes)],
         array=shares,
         cmap=_information_colours(),
         linewidths=4,
@@ -142,13 +144,13 @@ def _half_axes(study: Study) -> np.ndarray:
 
 def _instants(study: Study) -> np.ndarray:
     """Steps at which an ellipse is drawn: ends of segments, about a dozen."""
-    ends = study.designed.nodes[1:]
+    ends = study.main.nodes[1:]
     every = -(-len(ends) // _ELLIPSES)
     return ends[every - 1 :: every]
 
 
 def _draw_ellipses(study: Study, axes: Axes) -> None:
-    factor, place, covariances = ellipse_factor(study), _positions(study, DESIGNED), position_covariances(study)
+    factor, place, covariances = ellipse_factor(study), _positions(study, study.about), position_covariances(study)
     text = f"position, {plain(SIGMAS)}σ" + (f", drawn {factor} times" if factor > 1 else "")
     for count, k in enumerate(_instants(study)):
         variances, vectors = np.linalg.eigh(covariances[k])
@@ -159,11 +161,12 @@ def _draw_ellipses(study: Study, axes: Axes) -> None:
 
 
 def _draw_arrows(study: Study, axes: Axes, low: np.ndarray, high: np.ndarray) -> None:
-    start, size = study.scenario.start, float(np.max(high - low))
+    start = dict(zip(study.scenario.state_names, study.main.path.x[0].tolist(), strict=True))
+    size = float(np.max(high - low))
     style = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
     if "heading" in start:
-        tip = _positions(study, DESIGNED)[0] + 0.11 * size * np.array([np.cos(start["heading"]), np.sin(start["heading"])])
-        axes.annotate("", xy=tuple(tip), xytext=tuple(_positions(study, DESIGNED)[0]), arrowprops=style, zorder=6)
+        tip = _positions(study, study.about)[0] + 0.11 * size * np.array([np.cos(start["heading"]), np.sin(start["heading"])])
+        axes.annotate("", xy=tuple(tip), xytext=tuple(_positions(study, study.about)[0]), arrowprops=style, zorder=6)
     if {"wind_x", "wind_y"} <= start.keys() and (speed := float(np.hypot(start["wind_x"], start["wind_y"]))) > 0:
         centre = _free_corner(study, low, high)
         half = 0.05 * size * np.array([start["wind_x"], start["wind_y"]]) / speed

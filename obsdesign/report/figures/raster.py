@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.facts import segment_nodes
+from obsdesign.report.facts import mark, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, inline_svg
-from obsdesign.report.rounding import percent, rounded
+from obsdesign.report.naming import gap_in_words, path_in_words, schedule_criterion
+from obsdesign.report.rounding import rounded
 from obsdesign.study.record import Study
 
 
@@ -19,7 +20,9 @@ def raster_figure(study: Study) -> str:
     def paint(figure: Figure) -> None:
         _draw_raster(study, figure.add_subplot())
 
-    return inline_svg("raster", "Which sensor is on in which segment of the designed path", 1.15 + 0.36 * sensors, paint)
+    return inline_svg(
+        f"raster{mark(study)}", f"Which sensor is on in which segment of {path_in_words(study.about)}", 1.15 + 0.36 * sensors, paint
+    )
 
 
 def _draw_raster(study: Study, axes: Axes) -> None:
@@ -33,4 +36,5 @@ def _draw_raster(study: Study, axes: Axes) -> None:
     axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(times[0], times[-1]), xlabel="time [s]")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    axes.set_title(rf"$\lambda_{{min}}$ {rounded(schedule.value)}, bound {rounded(schedule.bound)}, gap {percent(schedule.gap)}")
+    name = schedule_criterion(study, tex=True)
+    axes.set_title(f"{name} {rounded(schedule.value)}, bound {rounded(schedule.bound)}, gap {gap_in_words(study)}")

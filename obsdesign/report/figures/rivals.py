@@ -7,43 +7,54 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from obsdesign.report.facts import mark, or_zero
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
-from obsdesign.report.rounding import rounded
+from obsdesign.report.naming import schedule_criterion
+from obsdesign.report.rounding import NOTHING, rounded
 from obsdesign.study.record import CHOSEN, Study
 
 
 def rivals_figure(study: Study) -> str:
-    """Draw lambda_min of the chosen schedule, the naive ones and the random ones against the bound."""
+    """Draw the criterion of the chosen schedule, the naive ones and the random ones against the bound."""
     bars = rival_values(study)
 
     def paint(figure: Figure) -> None:
         _draw_bars(study, figure.add_subplot(), bars)
 
-    return inline_svg("rivals", "Value of the chosen schedule, the naive ones and the bound", 0.95 + 0.36 * len(bars), paint)
+    return inline_svg(f"rivals{mark(study)}", "Value of the chosen schedule, the naive ones and the bound", 0.95 + 0.36 * len(bars), paint)
 
 
 def rival_values(study: Study) -> dict[str, float]:
-    """Return lambda_min of each schedule, the chosen one first."""
+    """Return the criterion of each schedule, the chosen one first."""
     selection = study.selection
     random, count = selection.random_values, len(selection.random_values)
-    naive = {rival.name: rival.value for rival in selection.rivals}
+    naive = {f"{rival.name}{' *' if rival.breaks else ''}": or_zero(study, rival.value) for rival in selection.rivals}
+    if not count:
+        return {CHOSEN: selection.schedule.value} | naive
     tail = {f"best of {count} random": float(random[-1]), "median random": float(np.median(random))}
     return {CHOSEN: selection.schedule.value} | naive | tail
 
 
 def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:
     bound = study.selection.schedule.bound
+    keeps = " without *" if any(rival.breaks for rival in study.selection.rivals) else ""
     light_grid(axes, "x")
-    axes.barh(list(bars), list(bars.values()), height=0.66, color=[BLUE, *[QUIET] * (len(bars) - 1)])
+    finite = [value for value in (bound, *bars.values()) if np.isfinite(value)]
+    low, widest = min(0.0, *finite), max(0.0, *finite)
+    axes.barh(
+        list(bars), [value if np.isfinite(value) else low for value in bars.values()], height=0.66, color=[BLUE, *[QUIET] * (len(bars) - 1)]
+    )
     axes.axvline(bound, color=INK, linestyle=":", linewidth=1.2)
-    widest = max(bound, *bars.values())
     for row, value in enumerate(bars.values()):
-        inside = value > 0.3 * widest
-        colour, side, shift = ("white", "right", -4) if inside else (INK, "left", 4)
+        inside = value > 0.3 * widest if low == 0 else value < 0.3 * low
+        away = 1 if low == 0 else -1
+        colour, side = ("white", "right" if low == 0 else "left") if inside else (INK, "left" if low == 0 else "right")
+        shift = -4 * away if inside else 4 * away
         place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side, "va": "center"}
-        axes.annotate(rounded(value), (value, row), color=colour, fontsize=9, **place)
-    axes.set(xlim=(0, widest * 1.02), ylim=(len(bars) - 0.4, -0.6), xlabel=r"$\lambda_{min}$ of S W S [–]")
+        text, tip = (rounded(value), value) if np.isfinite(value) else (NOTHING, 0.0)
+        axes.annotate(text, (tip, row), color=colour, fontsize=9, **place)
+    axes.set(xlim=(low * 1.02, widest * 1.02), ylim=(len(bars) - 0.4, -0.6), xlabel=f"{schedule_criterion(study, tex=True)} of S W S [–]")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_color(FAINT)
-    axes.set_title(f"no schedule lies beyond the dotted line, {rounded(bound)}", loc="right")
+    axes.set_title(f"no schedule{keeps} lies beyond the dotted line, {rounded(bound)}", loc="right")
