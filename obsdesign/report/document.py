@@ -9,7 +9,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from obsdesign.report.expectations import Expectation
 
-SCHEMA_VERSION = "1.3"
+SCHEMA_VERSION = "1.4"
 
 
 def _finite(value: Any) -> Any:  # noqa: ANN401
@@ -196,6 +196,26 @@ class SelectionPart(_Part):
     pareto: ParetoPart | None = Field(description="null: none was asked for")
 
 
+class PairPart(_Part):
+    """A path and a schedule for each other."""
+
+    value: Number = Field(description="criterion of what the schedule sees along the path, less what switching costs; null: no answer")
+    chosen: list[list[int]]
+    trajectory: dict[str, list[float]] = Field(description="by state, and t; empty: no answer")
+
+
+class JointPart(_Part):
+    """Path and schedule chosen together, and one after the other."""
+
+    status: str
+    joint: PairPart
+    path_first: PairPart = Field(description="the path for all sensors, then the best schedule for it")
+    sensors_first: PairPart = Field(description="the best schedule for a path taken without thinking, then the path for it")
+    alternation: list[float] = Field(description="objective after every half step on the way to the answer")
+    bound: Number = Field(description="no schedule for the joint path is better than this")
+    gap: Number
+
+
 class ValidationPart(_Part):
     """Filter runs on one path with one schedule."""
 
@@ -257,6 +277,7 @@ class Result(_Part):
     selections: dict[str, SelectionPart] = Field(description="by path, where several are given")
     t: list[float] = Field(description="times of the histories below [s]")
     validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule")
+    joint: JointPart | None = Field(description="null: none was asked for")
     flight: FlightPart | None = Field(description="null: none was asked for")
     expected: list[Expectation]
     timings: dict[str, float] = Field(description="seconds per stage; the only part that varies from run to run")

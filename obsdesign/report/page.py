@@ -9,7 +9,7 @@ from pathlib import Path
 import jinja2
 from markupsafe import Markup, escape
 
-from obsdesign.report import captions, facts, flying, scheduling, tables, wording
+from obsdesign.report import captions, facts, flying, scheduling, tables, together, wording
 from obsdesign.report.designing import design_in_words
 from obsdesign.report.figures.clearance import clearance_figure
 from obsdesign.report.figures.consistency import consistency_figure
@@ -19,6 +19,7 @@ from obsdesign.report.figures.flight_estimates import flight_estimates_figure
 from obsdesign.report.figures.flight_map import flight_map_figure
 from obsdesign.report.figures.front import front_figure
 from obsdesign.report.figures.inputs import inputs_figure
+from obsdesign.report.figures.joint_map import joint_map_figure
 from obsdesign.report.figures.path import path_figure
 from obsdesign.report.figures.raster import raster_figure
 from obsdesign.report.figures.regret import regret_figure
@@ -90,7 +91,7 @@ def _typeset(text: str) -> Markup:
 
 def _parts(study: Study) -> tuple[Part, ...]:
     if study.designs:
-        return (_can(study), _how(study), _which(study), _holds(study), *_flies(study))
+        return (_can(study), _how(study), _which(study), *_together(study), _holds(study), *_flies(study))
     can = (_can(study),) if study.analyses else ()
     along = [part for each in study.each for part in (_which(each), *((_holds(each),) if each.checks else ()))]
     return (*can, _how_well(study), *along)
@@ -175,6 +176,15 @@ def _which(study: Study) -> Part:
     losses = (scheduling.losses_table(study),) if study.selection.losses else ()
     shown = (scheduling.where_table(study), scheduling.schedules_table(study), *losses)
     return Part(f"which{facts.mark(study)}", f"Which?{_of(study)}", scheduling.chosen(study), pictures, shown, scheduling.explained(study))
+
+
+def _together(study: Study) -> tuple[Part, ...]:
+    joint = study.joint
+    if joint is None:
+        return ()
+    drawn = joint_map_figure(study)
+    pictures = (Picture(drawn, together.on_the_joint_map(study)),) if drawn else ()
+    return (Part("together", "Together?", together.found_together(study, joint), pictures, (together.answers_table(study, joint),)),)
 
 
 def _of(study: Study) -> str:

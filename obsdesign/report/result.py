@@ -41,6 +41,7 @@ from obsdesign.report.document import (
 from obsdesign.report.expectations import Expectation, expectations
 from obsdesign.report.facts import segment_nodes
 from obsdesign.report.flying import broken, final_errors, least_margin
+from obsdesign.report.together import joint_part
 from obsdesign.selection.pareto import Pareto
 from obsdesign.study.record import Analysis, Candidate, Quality, Study
 from obsdesign.validation import Validation
@@ -85,6 +86,7 @@ def _result(study: Study, expected: list[Expectation]) -> Result:
         selections={each.about: _selection(each) for each in study.each},
         t=study.main.path.t.tolist(),
         validation=checks,
+        joint=None if study.joint is None else joint_part(study, study.joint),
         flight=None if study.flight is None else _flight(study, study.flight),
         expected=expected,
         timings=_timings(study),

@@ -33,6 +33,7 @@ def contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _time_problems(scenario)
     yield from _range_problems(scenario)
     yield from _flight_problems(scenario)
+    yield from _codesign_problems(scenario)
     yield from _place_problems(scenario)
     yield from _constraint_problems(scenario)
 
@@ -124,7 +125,7 @@ def _given_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("paths",), "does not go with design.path: paths are designed or given; [[baselines]] are compared with a design")
     if scenario.paths:
         idle = [("design", key) for key in sorted(scenario.design.model_fields_set - set(_OF_GIVEN_PATHS))]
-        idle += [(key,) for key in ("baselines", "flight") if getattr(scenario, key)]
+        idle += [(key,) for key in ("baselines", "flight", "codesign") if getattr(scenario, key)]
         yield from (Problem(place, "does not go with [[paths]]: nothing is designed") for place in idle if place != ("design", "path"))
     names = [path.name for path in scenario.paths]
     for i, path in enumerate(scenario.paths):
@@ -198,6 +199,19 @@ def _range_problems(scenario: Scenario) -> Iterator[Problem]:
     for i, budget in enumerate(design.budgets):
         if isinstance(budget.cost, FlightTime) and budget.at_most < shortest:
             yield Problem(("design", "budgets", i, "at_most"), f"is {budget.at_most:g} s: must be at least the duration, {shortest:g} s")
+
+
+def _codesign_problems(scenario: Scenario) -> Iterator[Problem]:
+    if scenario.codesign is None:
+        return
+    design, selection = scenario.design, scenario.selection
+    known = {"about": design.about, "floor": design.floor, "robust": design.robust, "shortest": design.shortest}
+    for key in (key for key, value in known.items() if value):
+        yield Problem(("design", key), "does not go with [codesign]: a selection of sensors does not know of it")
+    if selection.criterion != design.criterion:
+        yield Problem(("selection", "criterion"), f"is {selection.criterion}: [codesign] needs that of the design, {design.criterion}")
+    if selection.robust_to:
+        yield Problem(("selection", "robust_to"), f"is {selection.robust_to}: must be 0 with [codesign]")
 
 
 def _flight_problems(scenario: Scenario) -> Iterator[Problem]:

@@ -142,6 +142,12 @@ class SelectionTable(_Table):
     )
 
 
+class CodesignTable(_Table):
+    """Choose path and schedule together, beside the one after the other."""
+
+    starts: int = Field(default=4, ge=1, description="starts of each design, and of the search with relaxed schedules")
+
+
 class FlightTable(_Table):
     """A flight with the filter in the loop, planned anew again and again from what it believes."""
 
@@ -185,6 +191,7 @@ class Scenario(_Table):
     design: DesignTable = Field(default_factory=DesignTable)
     selection: SelectionTable = Field(default_factory=SelectionTable)
     validation: ValidationTable = Field(default_factory=ValidationTable)
+    codesign: CodesignTable | None = None
     flight: FlightTable | None = None
     expected: tuple[Expected, ...] = ()
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")

@@ -168,8 +168,10 @@ def _gains(instance: Instance, mixture: Mixture, column: Column) -> bool:
 def _even(instance: Instance) -> Dual:
     """No direction dearer than another, in units in which all sensors together know as much of each state."""
     everything = np.stack([instance.rows[:, s].sum(axis=0) for s in range(instance.shape[1])])
-    total = np.maximum(np.diagonal(matrices(instance.kept @ everything, instance.n), axis1=1, axis2=2), np.finfo(float).tiny)
-    Z = np.stack([np.diag(1 / row) for row in total])
+    total = np.diagonal(matrices(instance.kept @ everything, instance.n), axis1=1, axis2=2)
+    unseen = total <= 0  # a dual that looks at nothing else proves that the information is 0 there
+    weights = unseen.astype(float) if unseen.any() else 1 / total
+    Z = np.stack([np.diag(row) for row in weights])
     Z /= np.trace(Z.sum(axis=0))
     if instance.criterion.is_smallest_eigenvalue:
         return Dual(Z, np.zeros(len(instance.resources)), 0.0)

@@ -173,12 +173,10 @@ def _incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wan
         columns = [each.chosen for each in found.columns[-_LATEST:] if instance.keeps_limits(each.chosen)]
         rounded += sorted(columns, key=instance.value)[-1:]
     for start in rounded:
-        if best.chosen.any() and out_of_time():
+        if closed(best.value, found.bound, wanted.gap, instance) or (best.chosen.any() and out_of_time()):
             break
         chosen, value = polished(instance, start, found.dual, found.bound)
         best = _Answer(chosen, value, found.bound) if value > best.value else best
-        if closed(best.value, found.bound, wanted.gap, instance):
-            break
     return best
 
 

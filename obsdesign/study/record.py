@@ -15,6 +15,7 @@ from obsdesign.design.weave import Weave
 from obsdesign.flight import Flight
 from obsdesign.information.record import Information
 from obsdesign.information.shares import Contributions
+from obsdesign.joint.record import Joint
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Scenario
 from obsdesign.selection.losses import Loss
 from obsdesign.selection.pareto import Pareto
@@ -122,7 +123,7 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight: where one is asked for.
+    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight, joint: where asked for.
 
     problems: what is asked of a path, for each suite. Where paths are given, nothing is designed: designs is empty, `about` names
     the path that selection and validation are about, `others` are the studies of the other paths; analyses and checks are empty where
@@ -140,6 +141,7 @@ class Study:
     checks: tuple[Check, ...]
     seconds: Mapping[str, float]
     flight: Flight | None = None
+    joint: Joint | None = None
     about: str = DESIGNED
     others: tuple[Study, ...] = ()
     notes: tuple[str, ...] = ()

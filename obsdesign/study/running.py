@@ -14,6 +14,8 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.shaping import design_trajectory
 from obsdesign.errors import InputError
 from obsdesign.flight import Flight, fly
+from obsdesign.joint.choosing import codesign
+from obsdesign.joint.record import Joint
 from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
 from obsdesign.study.candidates import candidate_of, candidates_of
 from obsdesign.study.choosing import select
@@ -46,13 +48,15 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     segments, sensors = len(designed.nodes) - 1, len(scenario.sensors)
     stage("design", f"Which? {segments} segments, {scenario.selection.per_segment} of {sensors} sensors on")
     selection = select(scenario, designed, designs[0].problem, seed)
-    stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
+    stage("select", "" if scenario.codesign is None else "Together? Path and schedule at once")
+    joint = _together(scenario, problems[0], seed, executor)
+    stage("codesign" if joint is not None else "", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
     cases = tuple(next(each for each in candidates if each.name == name) for name in (DESIGNED, baseline_of(scenario)))
     checks = tuple(_checks(scenario, cases, selection, seed, executor))
     stage("validate", "" if scenario.flight is None else f"In flight? A new plan every {scenario.flight.every:g} s")
     flight = _flight(scenario, problems[0], seed)
     stage("fly" if flight is not None else "", "")
-    return Study(scenario, seed, analyses, problems, designs, weave, candidates, selection, checks, stage.seconds, flight)
+    return Study(scenario, seed, analyses, problems, designs, weave, candidates, selection, checks, stage.seconds, flight, joint)
 
 
 class _Stages:
@@ -121,6 +125,13 @@ def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
         for manoeuvre in scenario.manoeuvres
         for subset in subsets
     )
+
+
+def _together(scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None) -> Joint | None:
+    asked, selection = scenario.codesign, scenario.selection
+    if asked is None:
+        return None
+    return codesign(problem, scenario.segments, selection.per_segment, selection.rules, starts=asked.starts, seed=seed, executor=executor)
 
 
 def _flight(scenario: Scenario, problem: DesignProblem, seed: int) -> Flight | None:

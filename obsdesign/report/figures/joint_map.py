@@ -1,0 +1,65 @@
+"""Where the path goes that was chosen together with its schedule."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from obsdesign.joint.record import Joint
+from obsdesign.report.figures._drawing import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, SKY, VERMILLION, WIDTH, inline_svg, light_grid
+from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
+from obsdesign.report.together import PATH_FIRST, SENSORS_FIRST, TOGETHER, answers
+from obsdesign.study.record import Study
+
+_SENSORS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK)
+
+
+def joint_map_figure(study: Study) -> str:
+    """Draw the joint path, each segment in the colour of what is on, and the paths of the one-sided answers."""
+    joint = study.joint
+    if joint is None or joint.design.trajectory is None or not {"x", "y"} <= set(study.scenario.state_names):
+        return ""
+    tracks = _tracks(study, joint)
+    found = shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
+    points = np.vstack([*tracks.values(), *(shape.points for shape in found if not shape.wide)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.06 * float(np.max(high - low))
+    low, high = low - margin, high + margin
+    height = float(np.clip((WIDTH - 0.9) * (high - low)[1] / (high - low)[0], 1.6, 5.0)) + 1.9
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        light_grid(axes)
+        draw_shapes(axes, found)
+        draw_landmarks(axes, [point for point in study.scenario.system.model.landmarks if np.all((low <= point) & (point <= high))])
+        _draw(study, joint, tracks, axes)
+        axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_xlim(low[0], high[0], auto=True)
+        axes.set_ylim(low[1], high[1], auto=True)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+    return inline_svg("joint-map", "Map of the path chosen together with its schedule, and of the one-sided answers", height, paint)
+
+
+def _tracks(study: Study, joint: Joint) -> dict[str, np.ndarray]:
+    place = list(study.problem.position)
+    found = {name: design.trajectory for name, (design, _, _) in answers(joint).items()}
+    return {name: path.x[:, place] for name, path in found.items() if path is not None}
+
+
+def _draw(study: Study, joint: Joint, tracks: dict[str, np.ndarray], axes: Axes) -> None:
+    for name, dashes in ((PATH_FIRST, "--"), (SENSORS_FIRST, ":")):
+        if name in tracks:
+            axes.plot(*tracks[name].T, color=QUIET, linewidth=1.3, linestyle=dashes, label=name, zorder=2)
+    track, chosen, names = tracks[TOGETHER], joint.schedule.chosen, study.scenario.sensor_names
+    nodes = np.arange(len(chosen) + 1) * ((len(track) - 1) // len(chosen))
+    drawn: dict[str, str] = {}
+    for k, on in enumerate(chosen):
+        label = " + ".join(name for name, is_on in zip(names, on, strict=True) if is_on) or "nothing on"
+        fresh = label not in drawn
+        colour = drawn.setdefault(label, _SENSORS[len(drawn) % len(_SENSORS)])
+        part = track[nodes[k] : nodes[k + 1] + 1]
+        axes.plot(*part.T, color=colour, linewidth=2.8, label=label if fresh else None, solid_capstyle="butt", zorder=3)
+    axes.plot(*track[0], linestyle="none", marker="o", markersize=7, markerfacecolor="white", markeredgecolor=INK, label="start", zorder=6)
