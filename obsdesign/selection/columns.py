@@ -54,12 +54,12 @@ def relaxed(
 
     first: duals to begin with; oracle: what schedules there are, default: all that keep the rules.
     """
-    pool = _Pool(instance, oracle or partial(priced, instance))
+    pool = _Pool(instance, oracle or partial(priced, instance), oracle is None)
     for dual in first or (_even(instance),):
         pool.price(dual)
     mixture, done = None, 0
     while done < rounds:
-        found = mixed(instance, pool.columns, mixture)
+        found = mixed(instance, pool.columns, mixture or pool.begin)
         if found is None:
             break
         mixture, done = found, done + 1
@@ -109,14 +109,15 @@ def between(one: Dual, other: Dual, share: float = 0.5) -> Dual:
 class _Pool:
     """The columns and duals met so far."""
 
-    def __init__(self, instance: Instance, oracle: Oracle) -> None:
+    def __init__(self, instance: Instance, oracle: Oracle, whole: bool) -> None:
         self.instance, self.oracle = instance, oracle
         self.columns: list[Column] = []
         self.idle: list[int] = []
         self.met: list[tuple[Dual, float]] = []
         self.bound = np.inf
         self.best: Dual | None = None
-        self._add_cheapest()
+        self.begin: Mixture | None = None
+        self._add_cheapest(whole)
 
     def price(self, dual: Dual, mixture: Mixture | None = None) -> bool:
         """Bound by a dual, take its schedule as a column, and say whether the mixture gains from it."""
@@ -142,17 +143,23 @@ class _Pool:
         self.idle = [count for count, kept in zip(self.idle, stay, strict=True) if kept]
         return Mixture(shares / shares.sum(), mixture.value, mixture.dual, mixture.multipliers)
 
-    def _add_cheapest(self) -> None:
+    def _add_cheapest(self, whole: bool) -> None:
         """The schedule that takes least of the resources, so that there is a mixture within the limits; and some that see it all."""
         instance = self.instance
         if instance.resources:
             least = Dual(np.zeros((len(instance.kept), instance.n, instance.n)), 1 / np.maximum(instance.limits, 1e-9), 0.0)
             self._add(self.oracle(least)[1])
-        if not instance.criterion.is_smallest_eigenvalue:
-            # a criterion that is -inf where one direction is unseen needs somebody to look at each
-            first = relaxed(replace(instance, criterion=MinEigenvalue()), 0.5, oracle=self.oracle)
-            for column in [] if first is None else first.columns:
-                self._add(column)
+        if instance.criterion.is_smallest_eigenvalue:
+            return
+        # a criterion that is -inf where one direction is unseen needs a mixture within the limits that sees them all
+        calm = replace(instance, criterion=MinEigenvalue(), switching=np.zeros_like(instance.switching))
+        first = relaxed(calm, 0.5, oracle=None if whole else self.oracle)
+        if first is not None:
+            shares = np.concatenate([np.zeros(len(self.columns)), first.shares])
+            for column in first.columns:
+                self._add(column_of(instance, column.chosen) if whole else column)
+            R = len(instance.kept)
+            self.begin = Mixture(shares, -np.inf, first.dual, np.ones(R) / R)
 
     def _add(self, column: Column) -> None:
         self.columns.append(column)

@@ -107,7 +107,8 @@ def _model(instance: Instance, W: np.ndarray, D: np.ndarray, tau: float) -> _Mod
         return _soft_model(W, D, tau)
     worst = int(np.argmin([instance.criterion.value(each) for each in W]))
     if not np.isfinite(instance.criterion.value(W[worst])):
-        return _soft_model(W, D, 1e-3 * float(np.trace(W[worst])))
+        size = float(np.trace(W[worst])) + float(np.abs(D).max())
+        return _soft_model(W, D, 1e-3 * max(size, np.finfo(float).tiny))
     g = np.sum(D[:, worst] * instance.criterion.slope(W[worst]), axis=(1, 2))
     H = instance.criterion.curvature(W[worst], D[:, worst])
     values, turned = np.linalg.eigh((H + H.T) / 2)

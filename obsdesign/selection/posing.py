@@ -61,8 +61,9 @@ def _schedules(terms: list[Terms], rules: tuple[AbstractRule, ...], per_segment:
     for each in allowed:
         patterns = patterns[each(patterns)]
     _require_use(patterns, rules, per_segment, known)
-    missing = (~available).astype(float) @ patterns.T
-    _require_someone(((missing == 0) & patterns.any(axis=1))[:, :, None].any(axis=1), rules, known)
+    possible = (~available).astype(float) @ patterns.T == 0
+    _require_someone((possible & patterns.any(axis=1))[:, :, None].any(axis=1), rules, known)
+    _require_use(patterns[possible.any(axis=0)] | ~available.any(axis=0), rules, per_segment, known)
     if not linked:
         return Groups(available, patterns)
     chain = Chain(available, patterns, dwell)

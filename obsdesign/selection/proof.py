@@ -75,6 +75,8 @@ def explored(
     the caller decides anew what is decided.
     """
     chosen, value = incumbent
+    if any(not len(layer.source) for layer in walks.layers) or not _within(instance, walks.base[None])[0]:
+        return Explored(chosen, value, bar(value, gap, instance), 0, 0, True)  # what is decided leaves no schedule at all
     state = np.array([walks.first])
     stack = [_Front(walks, (), state, walks.base[None], np.zeros((1, 0), np.int32), np.array([np.inf]), tuple(duals[-_PRICES:]), 1.0)]
     fronts = nodes = 0
@@ -105,7 +107,7 @@ def explored(
 
 def bar(value: float, gap: float, instance: Instance) -> float:
     """What a bound has to be above to be worth a look: half of the gap is left for rounding."""
-    return value + 0.5 * gap * size_of(value, instance)
+    return value + 0.5 * gap * size_of(value, instance) if np.isfinite(value) else value
 
 
 def _priced(instance: Instance, front: _Front) -> tuple[_Front, np.ndarray | None]:

@@ -41,6 +41,8 @@ def relaxed_directly(instance: Instance, time_limit: float | None) -> Relaxed | 
     if not _solved(problem, time_limit) or weights.value is None:
         return None
     shares = np.clip(np.asarray(weights.value), 0.0, 1.0)
+    if not np.isfinite(instance.judged(_information(instance, shares))):
+        return None
     mu = np.maximum(_duals(limits), 0.0)
     if smallest:
         Z = np.stack([np.asarray(cone.dual_value) * np.outer(D, D) for cone in above])

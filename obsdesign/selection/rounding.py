@@ -49,6 +49,7 @@ def purified(instance: Instance, found: Relaxed) -> Undecided:
     used = [(column, share) for column, share in zip(found.columns, found.shares, strict=True) if share > _SHARE]
     picks = np.stack([column.chosen for column, _ in used])
     weights = np.array([share for _, share in used])
+    weights /= weights.sum()
     differ = np.flatnonzero((picks != picks[0]).any(axis=(0, 2)))
     if instance.schedules.linked:
         return _listed(instance, picks, weights, differ)

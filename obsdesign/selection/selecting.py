@@ -106,12 +106,8 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     def out_of_time() -> bool:
         return perf_counter() > ends
 
-    if not np.isfinite(instance.judged(instance.information(instance.schedules.available))):
-        if throw:
-            lost = ", when the worst of them are lost" if len(instance.kept) > 1 else ""
-            name = type(instance.criterion).__name__
-            raise InputError(f"criterion is {name}: it is -inf even with every available sensor on{lost}: some direction stays unseen")
-        return _failed(instance)
+    if not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance):
+        return _refused(instance, throw)
     found, notes = _relaxation(instance, wanted, first)
     if found is None:
         if throw:
@@ -123,7 +119,23 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     if wanted.method == "auto" and _worth_searching(instance):
         answer = _searched(instance, found, answer, wanted, out_of_time)
         answer = _proven(instance, found, answer, wanted, out_of_time)
+    if not np.isfinite(answer.value):
+        return _refused(instance, throw)
     return _certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
+
+
+def _sees_everything(instance: Instance) -> bool:
+    """Whether some mixture of schedules has information about every direction."""
+    found = relaxed(replace(instance, criterion=MinEigenvalue(), switching=np.zeros(instance.shape[1])), 0.5)
+    return found is not None and found.bound > instance.rounding
+
+
+def _refused(instance: Instance, throw: bool) -> Schedule:
+    if throw:
+        lost = ", when the worst of them are lost" if len(instance.kept) > 1 else ""
+        name = type(instance.criterion).__name__
+        raise InputError(f"criterion is {name}: it is -inf for every schedule within the rules{lost}: some direction stays unseen")
+    return _failed(instance)
 
 
 def _worth_searching(instance: Instance) -> bool:
@@ -226,7 +238,8 @@ def _require_information(instance: Instance, rules: tuple[AbstractRule, ...], fo
         return
     everything = instance.judged(instance.information(instance.schedules.best(np.ones(instance.shape), np.zeros(instance.shape[1]))[0]))
     tiny = 1e-9 * size_of(everything, instance)
-    if np.isfinite(everything) and everything > tiny >= found.bound and not instance.switching.any():
+    unseen = instance.criterion.is_smallest_eigenvalue and found.bound <= tiny
+    if unseen and everything > tiny and not instance.switching.any():
         names = "; ".join(str(rule) for rule in rules)
         raise InputError(f"{names}: too small for any schedule that sees the whole state")
 

@@ -189,7 +189,7 @@ def _linked(instance: Instance, chain: Chain, duals: list[tuple[Dual, float]], l
         adds[:, adds.shape[1] - starts.shape[2] :] += starts[source, pattern]
         begin = np.searchsorted(source, np.arange(chain.count + 2))
         layers.append(Layer(source, chain.following[source, pattern], adds, begin, k, chain.patterns[pattern]))
-    nothing = np.zeros(len(layers[0].adds[0])), np.zeros(instance.shape, dtype=bool)
+    nothing = np.zeros(layers[0].adds.shape[1]), np.zeros(instance.shape, dtype=bool)
     return _merged(Walks(*nothing, tuple(layers), 0, chain.count + 1, linked=True))
 
 
