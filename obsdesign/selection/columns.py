@@ -15,6 +15,7 @@ from obsdesign.selection.master import Column, Mixture, column_of, mixed
 
 _ROUNDS = 400  # column generation ends in 5 to 60 rounds for few states, in some hundred for 15
 _IDLE = 12  # rounds after which a column without a share is dropped ...
+_FIRST_ROUNDS = 40
 _SAMPLES = 64  # schedules whose even mixture stands for relaxed choices
 _KEPT = 60  # ... where there are more than so many
 
@@ -60,9 +61,13 @@ def relaxed(
     mixture, done = None, 0
     while done < rounds:
         found = mixed(instance, pool.columns, mixture or pool.begin)
+        if found is None and mixture is None and pool.inform():
+            found = mixed(instance, pool.columns, pool.begin)
         if found is None:
             break
         mixture, done = found, done + 1
+        if done >= _FIRST_ROUNDS and instance.criterion.is_smallest_eigenvalue and mixture.value <= instance.rounding:
+            break  # nothing is seen of some direction, and no round will change that
         # between the best prices and the newest: the newest alone jump about
         trials = (mixture.dual,) if pool.best is None else (between(pool.best, mixture.dual), mixture.dual)
         if not any(pool.price(dual, mixture) for dual in trials) or closed(mixture.value, pool.bound, gap, instance):
@@ -72,6 +77,12 @@ def relaxed(
         return None
     count = len(mixture.shares)
     return Relaxed(pool.columns[:count], mixture.shares, mixture.value, pool.best, pool.bound, done, pool.met)
+
+
+def seen_through(instance: Instance) -> Relaxed | None:
+    """Return a mixture of schedules whose smallest eigenvalue is at least half of the largest, whatever switching costs."""
+    calm = replace(instance, criterion=MinEigenvalue(), switching=np.zeros_like(instance.switching))
+    return relaxed(calm, 0.5, rounds=_FIRST_ROUNDS + 4 * instance.rows.shape[2])
 
 
 def mixture_of(instance: Instance, shares: np.ndarray, dual: Dual) -> Relaxed:
@@ -117,7 +128,8 @@ class _Pool:
         self.bound = np.inf
         self.best: Dual | None = None
         self.begin: Mixture | None = None
-        self._add_cheapest(whole)
+        self._whole = whole
+        self._add_cheapest()
 
     def price(self, dual: Dual, mixture: Mixture | None = None) -> bool:
         """Bound by a dual, take its schedule as a column, and say whether the mixture gains from it."""
@@ -143,23 +155,27 @@ class _Pool:
         self.idle = [count for count, kept in zip(self.idle, stay, strict=True) if kept]
         return Mixture(shares / shares.sum(), mixture.value, mixture.dual, mixture.multipliers)
 
-    def _add_cheapest(self, whole: bool) -> None:
-        """The schedule that takes least of the resources, so that there is a mixture within the limits; and some that see it all."""
+    def _add_cheapest(self) -> None:
+        """The schedule that takes least of the resources, so that there is a mixture within the limits."""
         instance = self.instance
         if instance.resources:
             least = Dual(np.zeros((len(instance.kept), instance.n, instance.n)), 1 / np.maximum(instance.limits, 1e-9), 0.0)
             self._add(self.oracle(least)[1])
-        if instance.criterion.is_smallest_eigenvalue:
-            return
-        # a criterion that is -inf where one direction is unseen needs a mixture within the limits that sees them all
-        calm = replace(instance, criterion=MinEigenvalue(), switching=np.zeros_like(instance.switching))
-        first = relaxed(calm, 0.5, oracle=None if whole else self.oracle)
-        if first is not None:
-            shares = np.concatenate([np.zeros(len(self.columns)), first.shares])
-            for column in first.columns:
-                self._add(column_of(instance, column.chosen) if whole else column)
-            R = len(instance.kept)
-            self.begin = Mixture(shares, -np.inf, first.dual, np.ones(R) / R)
+
+    def inform(self) -> bool:
+        """Begin with a mixture within the limits that sees every direction, where a criterion is -inf for others: False without one."""
+        instance = self.instance
+        if instance.criterion.is_smallest_eigenvalue or not self._whole:
+            return False
+        first = seen_through(instance)
+        if first is None or first.value <= instance.rounding:
+            return False
+        shares = np.concatenate([np.zeros(len(self.columns)), first.shares])
+        for column in first.columns:
+            self._add(column_of(instance, column.chosen))
+        R = len(instance.kept)
+        self.begin = Mixture(shares, -np.inf, first.dual, np.ones(R) / R)
+        return True
 
     def _add(self, column: Column) -> None:
         self.columns.append(column)

@@ -15,7 +15,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
-from obsdesign.selection.columns import Relaxed, bound_of, closed, mixture_of, relaxed, size_of
+from obsdesign.selection.columns import Relaxed, bound_of, closed, mixture_of, relaxed, seen_through, size_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
 from obsdesign.selection.interior import centred, serves
@@ -106,28 +106,28 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     def out_of_time() -> bool:
         return perf_counter() > ends
 
-    if not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance):
-        return _refused(instance, throw)
     found, notes = _relaxation(instance, wanted, first)
     if found is None:
+        if not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance):
+            return _refused(instance, throw)
         if throw:
             raise SolveError("sensor selection", Status.NUMERICAL_ERROR)
         return _failed(instance)
-    _require_information(instance, rules, found)
     whole = purified(instance, found)
     answer = _incumbent(instance, found, whole, wanted, out_of_time)
     if wanted.method == "auto" and _worth_searching(instance):
         answer = _searched(instance, found, answer, wanted, out_of_time)
         answer = _proven(instance, found, answer, wanted, out_of_time)
+    _require_information(instance, rules, answer.bound)
     if not np.isfinite(answer.value):
         return _refused(instance, throw)
     return _certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
 
 
 def _sees_everything(instance: Instance) -> bool:
-    """Whether some mixture of schedules has information about every direction."""
-    found = relaxed(replace(instance, criterion=MinEigenvalue(), switching=np.zeros(instance.shape[1])), 0.5)
-    return found is not None and found.bound > instance.rounding
+    """Whether some mixture of schedules has information about every direction, as far as a solver can tell."""
+    found = seen_through(instance)
+    return found is None or found.value > instance.rounding
 
 
 def _refused(instance: Instance, throw: bool) -> Schedule:
@@ -232,14 +232,13 @@ def _proven(instance: Instance, found: Relaxed, answer: _Answer, wanted: Wanted,
     return answer
 
 
-def _require_information(instance: Instance, rules: tuple[AbstractRule, ...], found: Relaxed) -> None:
+def _require_information(instance: Instance, rules: tuple[AbstractRule, ...], bound: float) -> None:
     """Refuse budgets within which no schedule sees the whole state, while one does without them."""
-    if not instance.resources:
+    tiny = 1e-9 * float(np.abs(instance.information(instance.schedules.available)).max())
+    if not instance.resources or not instance.criterion.is_smallest_eigenvalue or bound > tiny or instance.switching.any():
         return
-    everything = instance.judged(instance.information(instance.schedules.best(np.ones(instance.shape), np.zeros(instance.shape[1]))[0]))
-    tiny = 1e-9 * size_of(everything, instance)
-    unseen = instance.criterion.is_smallest_eigenvalue and found.bound <= tiny
-    if unseen and everything > tiny and not instance.switching.any():
+    free = seen_through(replace(instance, resources=()))
+    if free is not None and free.value > tiny:
         names = "; ".join(str(rule) for rule in rules)
         raise InputError(f"{names}: too small for any schedule that sees the whole state")
 
