@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, sparse
 
-from obsdesign.selection.columns import Relaxed, relaxed
+from obsdesign.selection.columns import Relaxed, relaxed, size_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance, vectors
 from obsdesign.selection.master import Column
 from obsdesign.selection.walks import Layer, Walks, information_in, layer_of, price_vector
 
-_CLOSE = 300  # segments, those decided with the least margin, in which the relaxation may be undecided
+_CLOSE = (300, 1500, 6000)  # segments, those decided with the least margin, in which the relaxation may be undecided
+_LOST = 1e-7  # of the bound: what may be lost by that
 _SHARE = 1e-9
 
 
@@ -53,9 +54,13 @@ def purified(instance: Instance, found: Relaxed) -> Undecided:
     differ = np.flatnonzero((picks != picks[0]).any(axis=(0, 2)))
     if instance.schedules.linked:
         return _listed(instance, picks, weights, differ)
-    if len(differ) <= _CLOSE:
-        return _vertex(instance, _listed(instance, picks, weights, differ))
-    return _vertex(instance, _narrowed(instance, found, picks, differ))
+    for close in _CLOSE:
+        if len(differ) <= close:
+            return _vertex(instance, _listed(instance, picks, weights, differ))
+        narrow, value = _narrowed(instance, found, picks, differ, close)
+        if close == _CLOSE[-1] or found.bound - value <= 2 * (found.bound - found.value) + _LOST * size_of(found.bound, instance):
+            return _vertex(instance, narrow)
+    raise AssertionError("the last is always taken")
 
 
 def _listed(instance: Instance, picks: np.ndarray, weights: np.ndarray, segments: np.ndarray) -> Undecided:
@@ -70,13 +75,13 @@ def _listed(instance: Instance, picks: np.ndarray, weights: np.ndarray, segments
     return Undecided(chosen, tuple(layers), tuple(shares))
 
 
-def _narrowed(instance: Instance, found: Relaxed, picks: np.ndarray, differ: np.ndarray) -> Undecided:
+def _narrowed(instance: Instance, found: Relaxed, picks: np.ndarray, differ: np.ndarray, count: int) -> tuple[Undecided, float]:
     """The relaxation again, undecided only where the best schedule for the dual is so by the least margin."""
     price, start = instance.prices(found.dual)
     best, _ = instance.schedules.best(price, start)
     on, off = instance.schedules.regrets(price, start)
     margin = np.where(best, off, on).min(axis=1)
-    close = differ[np.argsort(margin[differ], kind="stable")[:_CLOSE]]
+    close = differ[np.argsort(margin[differ], kind="stable")[:count]]
     listed = _listed(instance, np.concatenate([best[None], picks]), np.full(len(picks) + 1, 1.0), close)
     chosen = best.copy()
     chosen[close] = False
@@ -93,10 +98,10 @@ def _narrowed(instance: Instance, found: Relaxed, picks: np.ndarray, differ: np.
 
     again = relaxed(instance, 1e-9, (found.dual,), oracle=oracle)
     if again is None:
-        return Undecided(best, (), ())
+        return Undecided(best, (), ()), -np.inf
     steps = np.stack([column.chosen for column in again.columns])
     shares = [np.bincount(steps[:, i], weights=again.shares, minlength=len(layer.adds)) for i, layer in enumerate(walks.layers)]
-    return Undecided(chosen, walks.layers, tuple(shares))
+    return Undecided(chosen, walks.layers, tuple(shares)), again.value
 
 
 def _vertex(instance: Instance, mixture: Undecided) -> Undecided:
