@@ -12,11 +12,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_rules import CRITERIA, Problem, best, bounded_by_its_dual, certified, random_blocks
+from test_rules import CRITERIA, Problem, best, bounded_by_its_dual, certified, feasible, random_blocks
 
 import obsdesign as od
+from obsdesign.rules.abstract import AbstractRule
+from obsdesign.selection.columns import relaxed
 from obsdesign.selection.naive import always, at_random, round_robin
+from obsdesign.selection.posing import posed
 from obsdesign.selection.schedule import information_of, schedule_value, upper_bound
+from obsdesign.selection.walks import Walks, walks_of
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 seeds = st.integers(0, 10**6)
@@ -538,3 +542,46 @@ def test_where_one_way_fails_the_other_is_taken_and_noted(method: str, broken: s
     assert "failed" in schedule.notes[0]
     certified(problem, schedule, method)
     bounded_by_its_dual(problem, schedule, method)
+
+
+# ---------------------------------------------------------------- what reduced costs decide
+
+
+def walked(walks: Walks) -> set[bytes]:
+    """Every schedule of the walks."""
+    found = set()
+
+    def on(level: int, state: int, chosen: np.ndarray) -> None:
+        if level == len(walks.layers):
+            found.add(chosen.tobytes())
+            return
+        layer = walks.layers[level]
+        for step in range(layer.begin[state], layer.begin[state + 1]):
+            then = chosen.copy()
+            then[layer.segment] = layer.patterns[step]
+            on(level + 1, int(layer.target[step]), then)
+
+    on(0, walks.first, walks.chosen)
+    return found
+
+
+@pytest.mark.parametrize("rules", [(), (od.Exclusive((0, 1)),), (od.MinimumDwell(2),)], ids=["free", "groups", "chain"])
+@pytest.mark.parametrize("seed", range(4))
+def test_every_schedule_above_the_bar_is_left_undecided(rules: tuple[AbstractRule, ...], seed: int):
+    """Reduced-cost fixing drops nothing that is better, wherever the bar is."""
+    problem = Problem(random_blocks(4, 3, 3, 1, seed), 2 if rules else 1, rules, od.MinEigenvalue(), 0)
+    instance = posed(problem.blocks, problem.per_segment, rules, od.MinEigenvalue(), 0, None)
+    found = relaxed(instance, 1e-9)
+    assert found is not None
+    chosen = feasible(problem)
+    values = problem.values(chosen)
+    left: set[bytes] = set()
+    for least in (*np.quantile(values, [0.5, 0.9, 0.99]), values.max() - 1e-9):
+        walks = walks_of(instance, found.met, float(least))
+        assert walks is not None
+        left = walked(walks)
+        better = chosen[values > least + 1e-12]
+        full = better[better.sum(axis=2).min(axis=1) == problem.per_segment] if not rules else better
+        assert len(full)
+        assert all(each.tobytes() in left for each in full)
+    assert len(left) < len(chosen)
