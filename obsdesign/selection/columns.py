@@ -56,7 +56,10 @@ def relaxed(
     first: duals to begin with; oracle: what schedules there are, default: all that keep the rules.
     """
     pool = _Pool(instance, oracle or partial(priced, instance), oracle is None)
-    for dual in first or (_even(instance),):
+    begin = first or _even(instance)
+    if not begin:
+        return None  # some state is unseen by all sensors together: the criterion is -inf throughout
+    for dual in begin:
         pool.price(dual)
     mixture, done = None, 0
     while done < rounds:
@@ -188,8 +191,8 @@ def _gains(instance: Instance, mixture: Mixture, column: Column) -> bool:
     return worth > mixture.value + 1e-13 * max(size_of(mixture.value, instance), np.finfo(float).tiny)
 
 
-def _even(instance: Instance) -> Dual:
-    """No direction dearer than another, in units in which all sensors together know as much of each state."""
+def _even(instance: Instance) -> tuple[Dual, ...]:
+    """No direction dearer than another, in units in which all sensors together know as much of each state; () if there is no tangent."""
     everything = np.stack([instance.rows[:, s].sum(axis=0) for s in range(instance.shape[1])])
     total = np.diagonal(matrices(instance.kept @ everything, instance.n), axis1=1, axis2=2)
     unseen = total <= 0  # a dual that looks at nothing else proves that the information is 0 there
@@ -197,8 +200,10 @@ def _even(instance: Instance) -> Dual:
     Z = np.stack([np.diag(row) for row in weights])
     Z /= np.trace(Z.sum(axis=0))
     if instance.criterion.is_smallest_eigenvalue:
-        return Dual(Z, np.zeros(len(instance.resources)), 0.0)
+        return (Dual(Z, np.zeros(len(instance.resources)), 0.0),)
+    if unseen.any():
+        return ()
     W = np.stack([np.diag(row) for row in total])
     slopes = np.stack([instance.criterion.slope(each) for each in W]) / len(W)
     offset = float(np.mean([instance.criterion.value(each) for each in W])) - float(np.sum(slopes * W))
-    return Dual(slopes, np.zeros(len(instance.resources)), offset)
+    return (Dual(slopes, np.zeros(len(instance.resources)), offset),)
