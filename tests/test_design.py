@@ -8,7 +8,7 @@ import multiprocessing
 import pickle
 import re
 from concurrent.futures import ProcessPoolExecutor
-from itertools import islice, pairwise
+from itertools import islice, pairwise, product
 from typing import Any
 
 import casadi as ca
@@ -20,10 +20,10 @@ from hypothesis import strategies as st
 import obsdesign as od
 from obsdesign.design.caps import cap_of
 from obsdesign.design.climbing import Task, climbed, families_of
-from obsdesign.design.limits import is_feasible, node_margins
+from obsdesign.design.limits import is_feasible, node_margins, shortfalls
 from obsdesign.design.recursion import gramian_recursion
 from obsdesign.design.starts import start_inputs
-from obsdesign.design.weave import best_weave
+from obsdesign.design.weave import Weave, best_weave
 from obsdesign.simulation import states_from
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
@@ -878,6 +878,56 @@ def test_a_weave_meets_bounds_and_constraints_and_turns_as_it_says():
 )
 def test_where_no_weave_fits_there_is_none(changes: dict[str, object]):
     assert best_weave(problem_with(**changes)) is None
+
+
+def judged_by_hand(problem: od.DesignProblem, path: od.Trajectory) -> float:
+    """1 / (largest variance of the judged states in their units), of samples and what is known: the inverse of a whole matrix."""
+    W = (od.variational_gramian(problem.system, path).total + problem.known) * np.outer(SCALE, SCALE)
+    kept = [problem.system.model.state_names.index(name) for name in problem.about]
+    return 1 / float(np.linalg.eigvalsh(np.linalg.inv(W)[np.ix_(kept, kept)])[-1])
+
+
+@pytest.mark.parametrize("known", [None, np.diag([0.0, 0.0, 3.0, 40.0, 0.0])], ids=["samples", "known"])
+def test_the_weave_is_the_best_by_what_the_problem_is_about_and_knows(known: np.ndarray | None):
+    """No other weave of the first grid that keeps all limits has more; judged by all states, another one would be the best."""
+    problem = problem_with(step=1.0, system=LANDMARK, scale=SCALE, about=("wind_x", "wind_y"), known=known)
+    _, path = best_weave(problem)
+    every = [
+        od.simulate(LANDMARK, problem.x0, u, 1.0)
+        for course, swing, share, side in product(
+            np.linspace(-0.6, 0.6, 11), np.linspace(0.18, 1.8, 10), np.linspace(0.05, 0.95, 11), (1, -1)
+        )
+        if share * 20 > 4 and np.abs(u := Weave(course, swing, share * 20, side).turn_rates(np.arange(20.0), 1.0)[:, None]).max() <= 0.5
+    ]
+    best = max(judged_by_hand(problem, each) for each in every)
+    assert problem.value(path) == pytest.approx(judged_by_hand(problem, path), rel=1e-6)
+    assert problem.value(path) >= best * (1 - 1e-9)
+    of_all = max(every, key=dataclasses.replace(problem, about=(), known=None).value)
+    assert judged_by_hand(problem, of_all) < 0.99 * best
+
+
+def test_the_weave_keeps_what_is_between_the_nodes_and_budgets_and_rates():
+    problem = problem_with(
+        step=2.0,
+        constraints=(od.StandOff(4.0, ((8.0, 1.0),)),),
+        rates={"turn_rate": 0.15},
+        budgets=(od.Budget(od.Effort({"turn_rate": 1.0}), 0.3),),
+    )
+    _, path = best_weave(problem)
+    assert not shortfalls(problem, path)
+    assert np.abs(np.diff(path.u, axis=0)).max() <= 0.15 * 2.0
+    assert float((path.u**2).sum()) * 2.0 <= 0.3
+
+
+@pytest.mark.parametrize("changes", [{}, {"weights": np.array([[1.0, 0.0, 1.0], [0.0, 2.0, 1.0]])}, {"known": np.eye(5)}], ids=str)
+def test_many_paths_are_rated_as_each_is(changes: dict[str, Any]):
+    problem = problem_with(system=LANDMARK, scale=SCALE, **changes)
+    random = np.random.default_rng(5)
+    starts, u = problem.x0 + 0.1 * random.standard_normal((4, 5)), random.uniform(-0.5, 0.5, (4, problem.steps, 1))
+    one_by_one = [problem.value(od.simulate(LANDMARK, x, each, problem.step)) for x, each in zip(starts, u, strict=True)]
+    np.testing.assert_allclose(problem.values(starts, u), one_by_one, rtol=1e-9)
+    same = [problem.value(od.simulate(LANDMARK, x, u[0], problem.step)) for x in starts]
+    np.testing.assert_allclose(problem.values(starts, u[0]), same, rtol=1e-9)
 
 
 def test_a_weave_needs_a_turn_rate():

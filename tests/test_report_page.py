@@ -24,6 +24,7 @@ from obsdesign.families import kinds, leaf
 from obsdesign.moment import Moment
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.report import facts
+from obsdesign.report.captions import glossary
 from obsdesign.report.designing import design_in_words
 from obsdesign.report.document import Result
 from obsdesign.report.figures._map import shapes
@@ -317,6 +318,19 @@ def test_numbers_of_the_page_are_those_of_the_study(pages, aerosonde):
         assert escape(text) in page
     assert aerosonde.scenario.digest in page
     assert f"--seed {aerosonde.seed}" in page
+
+
+@pytest.mark.parametrize("kind", ["min_eigenvalue", "log_det", "trace_inverse"])
+def test_the_formula_of_the_gap_gives_the_gap(rover: Study, kind: str):
+    """Minus trace inverse is negative: 1 - value / bound would be too."""
+    selection = rover.scenario.selection.model_copy(update={"criterion": kind})
+    study = replace(rover, scenario=rover.scenario.model_copy(update={"selection": selection}))
+    parts = np.random.default_rng(1).standard_normal((5, 4, 4, 1))
+    schedule = od.select_sensors(parts @ parts.swapaxes(2, 3), criterion=study.scenario.schedule_criterion, gap=0.5, method="columns")
+    assert schedule.bound - schedule.value > 1e-3 * abs(schedule.bound)
+    (formula,) = re.findall(r"gap = ([^.]*)\.", dict(glossary(study))["bound and gap"])
+    formula = formula.replace("−", "-").replace("|bound|", "abs(bound)")
+    assert eval(formula, {"value": schedule.value, "bound": schedule.bound}) == pytest.approx(schedule.gap)  # noqa: S307  # the page's own formula
 
 
 def test_an_overconfident_filter_is_explained(aerosonde):

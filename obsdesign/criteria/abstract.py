@@ -44,6 +44,11 @@ class AbstractCriterion(ABC):
         """Two values nearer than this are one: 0 for a number that scales with W, whose differences are judged relatively."""
 
     @property
+    def is_relative(self) -> bool:
+        """Whether a value and its bound are compared by a share, (bound - value) / |bound|, or else by bound - value."""
+        return self.resolution == 0
+
+    @property
     @abstractmethod
     def is_smallest_eigenvalue(self) -> bool:
         """Whether a design follows it by W - t I >= 0, maximise t: it has no slope where eigenvalues meet, and optima lie there."""

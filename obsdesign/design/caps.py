@@ -26,7 +26,7 @@ def cap_of(problem: DesignProblem) -> Cap | None:
         return None
     grid = problem.grid
     idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step)
-    W = problem.scaled(problem.judged(idle) + np.asarray(problem.known))
+    W = problem.matrix(idle)
     names = tuple(problem.system.model.state_names[i] for i in block)
     return Cap(float(np.linalg.eigvalsh(W[np.ix_(block, block)])[0]), names)
 

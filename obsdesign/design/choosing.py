@@ -16,7 +16,6 @@ from obsdesign.design.limits import is_feasible, price_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap, Design, Optimum, Robustness, Start
 from obsdesign.information.gramian import variational_gramian
-from obsdesign.information.totals import batch_information
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
@@ -59,7 +58,7 @@ def objective_of(problem: DesignProblem, path: Trajectory) -> float:
     """Return what is maximised, recomputed: the criterion of a path, or of the prior's draws along its inputs, minus prices."""
     if problem.robust is None:
         return problem.value(path) - price_of(problem, path)
-    each = _of_draws(problem, path, problem.robust.draws(problem.robust.samples, 0))
+    each = problem.values(problem.robust.draws(problem.robust.samples, 0), path.u)
     return float(each.min() if problem.robust.worst else each.mean()) - price_of(problem, path)
 
 
@@ -68,22 +67,14 @@ def _attempt(problem: DesignProblem, found: Climbed, refined: bool) -> _Attempt:
     if status.has_answer:
         value = objective_of(problem, found.path)
         agreement = _AGREEMENT if problem.criterion.knowledge is None else _SMOOTH
-        allowed = max(
-            agreement * abs(value), problem.criterion.resolution, _LOST * float(np.abs(problem.scaled(problem.judged(found.path))).max())
-        )
+        allowed = max(agreement * abs(value), problem.criterion.resolution, _LOST * float(np.abs(problem.matrix(found.path)).max()))
         if not abs(value - found.objective) <= allowed or (refined and not is_feasible(problem, found.path)):
             status, value = Status.NUMERICAL_ERROR, np.nan
     return _Attempt(found, Start(found.name, status, value, found.iterations, found.residual, refined))
 
 
 def _volume(problem: DesignProblem, path: Trajectory) -> float:
-    return LogDet().value(problem.scaled(problem.judged(path) + np.asarray(problem.known)))
-
-
-def _of_draws(problem: DesignProblem, path: Trajectory, starts: np.ndarray) -> np.ndarray:
-    """The criterion (R,) from starts (R, n) with the inputs of a path."""
-    every = batch_information(problem.system, starts, path.u, path.step).sum(axis=1)
-    return np.array([problem.rated(W) for W in every])
+    return LogDet().value(problem.matrix(path))
 
 
 def _tie_broken(problem: DesignProblem, attempt: _Attempt, cap: Cap) -> _Attempt:
@@ -102,7 +93,7 @@ def _tie_broken(problem: DesignProblem, attempt: _Attempt, cap: Cap) -> _Attempt
 
 def _recorded(problem: DesignProblem, attempt: _Attempt, starts: tuple[Start, ...], cap: Cap | None) -> Design:
     path, start = attempt.found.path, attempt.start
-    eigenvalues = np.linalg.eigvalsh(problem.scaled(problem.judged(path) + np.asarray(problem.known)))
+    eigenvalues = np.linalg.eigvalsh(problem.matrix(path))
     return Design(
         problem=problem,
         trajectory=path,
@@ -135,7 +126,7 @@ def _optima(starts: Sequence[Start]) -> tuple[Optimum, ...]:
 def _robustness(problem: DesignProblem, path: Trajectory) -> Robustness | None:
     if problem.robust is None:
         return None
-    each = np.sort(_of_draws(problem, path, problem.robust.draws(_FRESH, 1)))
+    each = np.sort(problem.values(problem.robust.draws(_FRESH, 1), path.u))
     return Robustness(_FRESH, float(each[0]), float(each[_FRESH // 20]), float(each.mean()))
 
 

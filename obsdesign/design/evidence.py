@@ -18,7 +18,6 @@ from obsdesign.design.record import Design, Evidence
 from obsdesign.design.starts import start_inputs
 from obsdesign.design.subproblem import Cone, Model, minimised
 from obsdesign.simulation import simulate
-from obsdesign.trajectory import Trajectory
 
 _ROUNDS, _CHEAP = 6, 40  # of a new Z; paths that are looked at without a climb
 _ENOUGH = 1e-4  # remaining difference, relative, at which it stops
@@ -36,7 +35,7 @@ def evidence_for(design: Design, starts: int, seed: int, executor: Executor | No
         return design
     if design.trajectory is None:
         return design
-    seen = [(design.trajectory.u, _matrix(problem, design.trajectory)), *_at_random(problem, seed)]
+    seen = [(design.trajectory.u, problem.matrix(design.trajectory)), *_at_random(problem, seed)]
     tried, climbs, better = [], 0, design
     for _ in range(_ROUNDS):
         Z = _prices(problem, [W for _, W in seen])
@@ -45,7 +44,7 @@ def evidence_for(design: Design, starts: int, seed: int, executor: Executor | No
         found = _climbed(problem, Z, [u for u, _ in promising], executor)
         climbs += len(found)
         usable = [each for each in found if each.status.has_answer and is_feasible(problem, each.path)]
-        seen += [(each.u, _matrix(problem, each.path)) for each in usable]
+        seen += [(each.u, problem.matrix(each.path)) for each in usable]
         better = _improved(better, usable)
         if _estimate(tried, seen)[0] <= better.value * (1 + _ENOUGH):
             break
@@ -69,7 +68,7 @@ def _at_random(problem: DesignProblem, seed: int) -> list[_Seen]:
         u_fit = np.array(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)  # pyright: ignore[reportArgumentType]
         path = simulate(problem.system, problem.x0, u_fit, problem.step)
         if is_feasible(problem, path):
-            found.append((path.u, _matrix(problem, path)))
+            found.append((path.u, problem.matrix(path)))
     return found
 
 
@@ -78,10 +77,6 @@ def _estimate(tried: Sequence[np.ndarray], seen: Sequence[_Seen]) -> tuple[float
     largest = [max(float(np.sum(Z * W)) for _, W in seen) for Z in tried]
     best = int(np.argmin(largest))
     return largest[best], tried[best]
-
-
-def _matrix(problem: DesignProblem, path: Trajectory) -> np.ndarray:
-    return problem.scaled(problem.judged(path) + np.asarray(problem.known))
 
 
 def _prices(problem: DesignProblem, columns: Sequence[np.ndarray]) -> np.ndarray:

@@ -17,11 +17,11 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.consistency import require_consistent
 from obsdesign.information.posterior import posterior_information
-from obsdesign.information.totals import segment_information
+from obsdesign.information.totals import batch_information, segment_information
 from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior
-from obsdesign.simulation import as_scale, as_state
+from obsdesign.simulation import as_scale, as_state, simulate
 from obsdesign.trajectory import Trajectory
 
 
@@ -169,13 +169,31 @@ class DesignProblem:
         """S W S (..., n, n), without unit."""
         return W * self.units[:, None] * self.units
 
+    def counted(self, W: np.ndarray) -> np.ndarray:
+        """S (W + known) S (..., n, n), without unit: what of the samples' information W (..., n, n) and of `known` the criterion sees."""
+        return self.scaled(W + np.asarray(self.known))
+
     def rated(self, W: np.ndarray) -> float:
         """Return the criterion of information W (n, n): of S (W + known) S, about the judged states."""
-        return self.criterion.value(shadow(self.scaled(W + np.asarray(self.known)), self.judged_states))
+        return self.criterion.value(shadow(self.counted(W), self.judged_states))
 
     def value(self, path: Trajectory) -> float:
-        """criterion(S W S) of a path, recomputed by the analysis code; prices are not in it."""
+        """criterion(S (W + known) S) of a path, recomputed by the analysis code; prices are not in it."""
         return self.rated(self.judged(path))
+
+    def values(self, starts: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the value (R,) of the path from each of the starts (R, n), with inputs u (N, m), or (R, N, m) for each its own.
+
+        The same numbers as `value`; at once where all samples count once.
+        """
+        if self.criterion.knowledge is None and self.weights is None:
+            return np.array([self.rated(W) for W in batch_information(self.system, starts, u, self.step).sum(axis=1)])
+        each = np.broadcast_to(u, (len(starts), *u.shape[-2:]))
+        return np.array([self.value(simulate(self.system, x, own, self.step)) for x, own in zip(starts, each, strict=True)])
+
+    def matrix(self, path: Trajectory) -> np.ndarray:
+        """S (W + known) S (n, n) of a path."""
+        return self.counted(self.judged(path))
 
     def judged(self, path: Trajectory) -> np.ndarray:
         """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""

@@ -75,7 +75,7 @@ class Program(AbstractProgram):
         node = self.rows.placed(totals[0])
         chosen = totals[0][node, self.rows.margin] - self.rows.allowance if len(node) else np.zeros(0)
         rows = np.concatenate([chosen, budgets, self._rate_rows(p)[0]])
-        matrices = (unpacked(sums[self.judged], self.n) + np.asarray(self.problem.known)) * self._frame
+        matrices = self.problem.counted(unpacked(sums[self.judged], self.n))
         return Values(p, along, windows, matrices, floors, rows, price, node)
 
     def margins(self, values: Values) -> np.ndarray:

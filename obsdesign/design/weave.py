@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.limits import node_margins
+from obsdesign.design.choosing import objective_of
+from obsdesign.design.limits import is_feasible, node_margins, price_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
-from obsdesign.information.totals import batch_information
 from obsdesign.simulation import simulate, states_from
 from obsdesign.trajectory import Trajectory
 
 _LEAD = 5.0  # seconds in which the course is turned to before weaving
+_JUDGED = 64  # weaves of highest value that are judged by the prior's draws too, where the problem is robust
 _KEPT = 3  # points of a grid about which it is refined: the value has many local maxima
 # course [rad], swing [rad], period [durations]: middle and half width of the grid
 _CENTRE, _WIDTH = np.array([0.0, 0.9, 0.5]), np.array([0.6, 0.9, 0.45])
@@ -45,10 +48,11 @@ _Rated = tuple[float, Weave, Trajectory]
 
 
 def best_weave(problem: DesignProblem) -> tuple[Weave, Trajectory] | None:
-    """Return the weave of highest value that meets the problem's bounds and constraints, or None where none does.
+    """Return the weave of highest objective that meets all limits of the problem, or None where none does.
 
-    A grid over course, swing, period and side; then finer grids about each of its three best points. Other inputs stay
-    mid-range. Raises InputError for a system without a turn rate.
+    Objective: as of a design, value(path) minus prices, or that of the prior's draws where the problem is robust: among the 64
+    weaves of highest value. A grid over course, swing, period and side; then finer grids about each of its three best points.
+    Other inputs stay mid-range. Raises InputError for a system without a turn rate.
     """
     if _TURN not in problem.system.model.input_names:
         raise InputError("a weave needs a vehicle with a turn_rate")
@@ -76,26 +80,46 @@ def _grid(problem: DesignProblem, centre: np.ndarray, width: np.ndarray, points:
 
 
 def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_Rated]:
-    """Return the best few of the weaves that meet bounds and constraints, best first."""
+    """Return the best few of the weaves that meet all limits, best first."""
     if not weaves:
         return []
     inputs = np.stack([_inputs(problem, weave) for weave in weaves])
-    inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)))
+    inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)) & _is_slow(problem, inputs))
     states = _flown(problem, inputs[inside]) if inside.size else []
     kept = [i for i, x in zip(inside, states, strict=True) if node_margins(problem, x, inputs[i]).min(initial=0.0) >= 0]
-    if not kept:
-        return []
-    values = _values(problem, inputs[kept])
-    best = np.argsort(-values, kind="stable")[:_KEPT]
-    return [(float(values[i]), weaves[kept[i]], simulate(problem.system, problem.x0, inputs[kept[i]], problem.step)) for i in best]
+    allowed = _allowed(problem, [weaves[i] for i in kept], inputs[kept]) if kept else iter(())
+    return list(islice(allowed, _KEPT))
 
 
-def _values(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
-    """Values (R,) of the paths of R input histories (R, N, m)."""
-    if problem.criterion.knowledge is not None:
-        return np.array([problem.value(simulate(problem.system, problem.x0, u, problem.step)) for u in inputs])
-    every = batch_information(problem.system, np.tile(problem.x0, (len(inputs), 1)), inputs, problem.step).sum(axis=1)
-    return np.array([problem.criterion.value(W) for W in problem.scaled(every)])
+def _allowed(problem: DesignProblem, weaves: list[Weave], inputs: np.ndarray) -> Iterator[_Rated]:
+    """Yield those of the weaves with inputs (R, N, m) that break no limit between nodes either, best first."""
+    values = _objectives(problem, inputs)
+    for i in np.argsort(-values, kind="stable"):
+        path = simulate(problem.system, problem.x0, inputs[i], problem.step)
+        if is_feasible(problem, path):
+            yield float(values[i]), weaves[i], path
+
+
+def _objectives(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
+    """What is maximised (R,) of the paths of R input histories (R, N, m)."""
+    found = problem.values(np.tile(problem.x0, (len(inputs), 1)), inputs)
+    if not problem.prices and problem.robust is None:
+        return found
+    judged = np.arange(len(inputs)) if problem.robust is None else np.argsort(-found, kind="stable")[:_JUDGED]
+    paths = [simulate(problem.system, problem.x0, inputs[i], problem.step) for i in judged]
+    objectives = np.full(len(inputs), -np.inf)
+    if problem.robust is None:
+        objectives[judged] = found - [price_of(problem, path) for path in paths]
+    else:
+        objectives[judged] = [objective_of(problem, path) for path in paths]
+    return objectives
+
+
+def _is_slow(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
+    """Whether (R,) inputs (R, N, m) change no faster than their rates."""
+    names = problem.system.model.input_names
+    fastest = np.array([problem.rates.get(name, np.inf) for name in names])
+    return np.all(np.abs(np.diff(inputs, axis=1)) <= fastest * problem.step, axis=(1, 2))
 
 
 def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:

@@ -153,7 +153,7 @@ def for_schedule(question: Question, pair: Pair) -> Design:
     if design.problem == problem:
         return design
     value = problem.value(pair.path)
-    low = np.linalg.eigvalsh(problem.scaled(problem.judged(pair.path)))[:2]
+    low = np.linalg.eigvalsh(problem.matrix(pair.path))[:2]
     eigenvalues = (float(low[0]), float(low[-1]))
     objective = value - question.price(pair.path)
     return replace(design, problem=problem, value=value, objective=objective, eigenvalues=eigenvalues, cap=cap_of(problem))

@@ -7,7 +7,7 @@ import numpy as np
 from obsdesign.report import facts
 from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
-from obsdesign.report.naming import path_in_words, schedule_criterion
+from obsdesign.report.naming import gap_formula, path_in_words, schedule_criterion
 from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
 from obsdesign.study.record import Study
 
@@ -113,8 +113,7 @@ def glossary(study: Study) -> tuple[tuple[str, str], ...]:
         ("cap", "smallest eigenvalue of a block of S W S that no path changes; no path exceeds it."),
         (
             "bound and gap",
-            f"{schedule_criterion(study)} of every schedule that keeps the rules is below the bound; "
-            + ("gap = bound − value." if study.scenario.selection.criterion == "log_det" else "gap = 1 − value / bound."),
+            f"{schedule_criterion(study)} of every schedule that keeps the rules is below the bound; {gap_formula(study)}.",
         ),
         ("RMSE", "root mean square error over the filter runs, each with its own process noise, measurement noise and first estimate."),
         (

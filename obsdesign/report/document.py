@@ -178,7 +178,7 @@ class SelectionPart(_Part):
     value: Number = Field(description="the criterion of the schedule")
     bound: Number = Field(description="no schedule that keeps the rules is better than this")
     root_bound: Number
-    gap: Number = Field(description="1 - value / bound; bound - value for log_det")
+    gap: Number = Field(description="(bound - value) / |bound|; bound - value for log_det")
     fractional_segments: int
     nodes: int = Field(description="partial schedules that the proof looked at")
     notes: list[str] = Field(description="what went otherwise than planned")

@@ -48,7 +48,12 @@ def schedule_criterion(study: Study, tex: bool = False) -> str:
 def gap_in_words(study: Study) -> str:
     """Return the gap of the schedule: a share of the bound, or a difference where those count."""
     gap = study.selection.schedule.gap
-    return rounded(gap) if study.scenario.selection.criterion == "log_det" else percent(gap)
+    return percent(gap) if study.scenario.schedule_criterion.is_relative else rounded(gap)
+
+
+def gap_formula(study: Study) -> str:
+    """Return what the gap is, as its criterion counts differences."""
+    return "gap = (bound − value) / |bound|" if study.scenario.schedule_criterion.is_relative else "gap = bound − value"
 
 
 def shortfall_in_words(short: Shortfall) -> str:

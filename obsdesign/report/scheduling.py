@@ -41,7 +41,7 @@ def chosen(study: Study) -> str:
 
 def certified(study: Study) -> str:
     """Say how near to the best the schedule is: certified within 0.02 % of the best of 4^24 schedules."""
-    schedule, differs = study.selection.schedule, study.scenario.selection.criterion == "log_det"
+    schedule, differs = study.selection.schedule, not study.scenario.schedule_criterion.is_relative
     if schedule.status is Status.OPTIMAL:
         return f"proven to be the best of {_how_many(study)} but for a gap of {gap_in_words(study)}"
     return f"certified within {gap_in_words(study)} {'below' if differs else 'of'} the best of {_how_many(study)}"

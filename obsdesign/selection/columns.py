@@ -110,7 +110,7 @@ def closed(value: float, bound: float, gap: float, instance: Instance) -> bool:
 
 def size_of(bound: float, instance: Instance) -> float:
     """What a gap is a share of."""
-    return 1.0 if instance.criterion.resolution else abs(bound)
+    return abs(bound) if instance.criterion.is_relative else 1.0
 
 
 def between(one: Dual, other: Dual, share: float = 0.5) -> Dual:
