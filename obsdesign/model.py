@@ -13,14 +13,17 @@ from obsdesign.signals import Point, Signal
 
 if TYPE_CHECKING:
     import casadi as ca
+    import numpy as np
 
 
 @dataclass(frozen=True)
 class Noise:
-    """The errors of one sensor's samples: a first-order sequence of standard deviation `spread` and a constant one.
+    """The errors of one sensor's samples: e_k = spread_k inflation z_k + constant, z a stationary first-order sequence of variance 1.
 
-    spread: SX (1, 1) of the state, standard deviation of one sample of each output, `correlation` from one to the next;
-    bias: standard deviation of the constant error; inflation: factor on spread; gate: SX (1, 1), share of samples that arrive.
+    spread: SX (1, 1) of the state, the standard deviation of one sample of each output, or (q, 1) where outputs differ;
+    correlation phi in [0, 1): z_0 ~ N(0, 1), z_k = phi z_k-1 + (1 - phi^2)^1/2 white_k from one sample of the sensor to the next,
+    for each output its own; bias: standard deviation of the constant error, for each output its own; inflation: factor on spread
+    of whoever estimates; gate: SX (1, 1), the share of samples that arrive.
     """
 
     spread: ca.SX
@@ -28,6 +31,25 @@ class Noise:
     inflation: float = 1.0
     bias: float = 0.0
     correlation: float = 0.0
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the errors of different samples have nothing to do with each other."""
+        return not (self.correlation or self.bias)
+
+    @property
+    def stationary(self) -> ca.SX:
+        """(inflation spread)^2, the variance of one sample's first-order part."""
+        return (self.inflation * self.spread) ** 2
+
+    @property
+    def missing(self) -> ca.SX:
+        """White variance that stands for samples that do not arrive, (stationary + bias^2) (1 - gate) / gate; inf where gate is 0.
+
+        One sample alone then says gate C'C / (stationary + bias^2). Of a sequence whose samples arrive independently of each
+        other, it says no more than is expected of those that arrive, and exactly that at a gate of 0 or 1.
+        """
+        return (self.stationary + self.bias**2) * (1 - self.gate) / self.gate
 
     @property
     def variance(self) -> ca.SX:
@@ -38,10 +60,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Channel:
-    """One sensor of a model: outputs h (q, 1) of the state, its noise, rate [Hz] and landmark [m].
-
-    noise is what happens, `variance` what filters and information count for it: see `Noise`.
-    """
+    """One sensor of a model: outputs h (q, 1) of the state, its noise, rate [Hz] and landmark [m]."""
 
     name: str
     outputs: tuple[Signal, ...]
@@ -51,11 +70,24 @@ class Channel:
     landmark: Point | None = None
 
 
+@dataclass(frozen=True)
+class JointNoise:
+    """White errors of several sensors that belong together: covariance (q, q) of their stacked outputs at one instant, as rows.
+
+    sensors: in the order of the stack; before inflation, which multiplies rows and columns. Of those that have a sample at an
+    instant, the rows and columns of the others left out. Their channels' spread is the root of the diagonal.
+    """
+
+    sensors: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """xdot = drift + B u + G w, y = h(x), as CasADi expressions of the state symbol x (n, 1).
 
     B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels; u (m, 1), w (p, 1) symbols.
+    joint: groups of channels whose errors are correlated with each other, no channel in two of them.
     """
 
     x: ca.SX
@@ -66,6 +98,7 @@ class Model:
     unknown_inputs: tuple[Signal, ...]
     G: ca.SX
     channels: tuple[Channel, ...]
+    joint: tuple[JointNoise, ...] = ()
     u: ca.SX = field(init=False)
     w: ca.SX = field(init=False)
 
@@ -113,10 +146,59 @@ class Model:
         """Distinct points that sensors look at."""
         return tuple(dict.fromkeys(channel.landmark for channel in self.channels if channel.landmark is not None))
 
+    @property
+    def outputs_of(self) -> dict[str, tuple[int, ...]]:
+        """For each sensor where its outputs stand among all."""
+        return {channel.name: tuple(j for j, i in enumerate(self.output_owner) if i == s) for s, channel in enumerate(self.channels)}
+
+    @property
+    def has_white_noise(self) -> bool:
+        """Whether the errors of every two samples, of one sensor or two, are independent: then information adds up over them."""
+        return not self.joint and all(channel.noise.is_white for channel in self.channels)
+
+    @property
+    def instant_covariance(self) -> ca.SX:
+        """Covariance (q, q) of the first-order parts of all outputs at one instant, sparse: diagonal but for joint noise."""
+        import casadi as ca
+
+        R = ca.diag(ca.vertcat(*[ca.SX.ones(len(each.outputs)) * each.noise.stationary for each in self.channels]))
+        inflation = {channel.name: channel.noise.inflation for channel in self.channels}
+        for group in self.joint:
+            place = [j for name in group.sensors for j in self.outputs_of[name]]
+            factor = [inflation[name] for name in group.sensors for _ in self.outputs_of[name]]
+            for a, row in enumerate(group.covariance):
+                for b, value in enumerate(row):
+                    if value:
+                        R[place[a], place[b]] = factor[a] * factor[b] * value
+        return R
+
+    @property
+    def instant_root(self) -> np.ndarray:
+        """Lower triangular L (q, q), L L' the correlation of all outputs' first-order parts at one instant: errors are spread (L white)."""
+        import numpy as np
+
+        correlation = np.eye(len(self.outputs))
+        for group in self.joint:
+            place = [j for name in group.sensors for j in self.outputs_of[name]]
+            R = np.array(group.covariance)
+            correlation[np.ix_(place, place)] = R / np.sqrt(np.outer(np.diag(R), np.diag(R)))
+        return np.linalg.cholesky(correlation)
+
     def only(self, sensors: Sequence[str]) -> Model:
-        """Return the model with the named sensors alone."""
+        """Return the model with the named sensors alone; of joint noise what is theirs."""
         require_known("the system", sensors, self.sensor_names)
-        return replace(self, channels=tuple(channel for channel in self.channels if channel.name in sensors))
+        channels = tuple(channel for channel in self.channels if channel.name in sensors)
+        return replace(
+            self, channels=channels, joint=tuple(_part(self, group, sensors) for group in self.joint if set(group.sensors) & set(sensors))
+        )
+
+
+def _part(model: Model, group: JointNoise, sensors: Sequence[str]) -> JointNoise:
+    """The group without the sensors that are not named."""
+    kept = [name for name in group.sensors if name in sensors]
+    owner = [name for name in group.sensors for _ in model.outputs_of[name]]
+    places = [i for i, name in enumerate(owner) if name in kept]
+    return JointNoise(tuple(kept), tuple(tuple(group.covariance[i][j] for j in places) for i in places))
 
 
 class AbstractSystem(ABC):

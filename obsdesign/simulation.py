@@ -75,7 +75,7 @@ def _reading(model: Model) -> Scan:
 
     noises = [(channel.noise, len(channel.outputs)) for channel in model.channels]
     columns = [
-        ca.vertcat(*[ca.repmat(value(noise), count) for noise, count in noises])
+        ca.vertcat(*[ca.SX.ones(count) * value(noise) for noise, count in noises])
         for value in (lambda noise: noise.spread, lambda noise: noise.variance, lambda noise: noise.gate)
     ]
     return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [model.h, *columns])

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from obsdesign.checks import require_known
 from obsdesign.errors import InputError
-from obsdesign.model import AbstractSystem, Channel, Model, Noise, columns
+from obsdesign.model import AbstractSystem, Channel, JointNoise, Model, Noise, columns
+from obsdesign.sensors._joint import as_joint_noise
 from obsdesign.sensors.abstract import AbstractSensor, distinct_names
 from obsdesign.vehicles.abstract import AbstractVehicle
 
 if TYPE_CHECKING:
     import casadi as ca
+    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
@@ -22,17 +27,27 @@ class System(AbstractSystem):
     """A ready-made vehicle with sensors.
 
     unknown_inputs names inputs of the vehicle that nobody knows, beside the vehicle's own disturbances.
-    Two sensors of one name are told apart by a number. Raises InputError for unknown names.
+    Two sensors of one name are told apart by a number. joint_noise: names of two or more sensors -> R (q, q), the covariance of
+    their stacked outputs at one instant, in the order of the names; it takes the place of their own sigma, and inflation
+    multiplies it. At instants where some of them have a sample, those count with their part of R.
+    Raises InputError for unknown names, a sensor in two groups, an R that is no covariance of that size, and joint noise of a
+    sensor whose noise is correlated in time or depends on the state.
     """
 
     vehicle: AbstractVehicle
     sensors: tuple[AbstractSensor, ...] = ()
     unknown_inputs: tuple[str, ...] = ()
+    joint_noise: Mapping[tuple[str, ...], ArrayLike] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
         require_known("unknown_inputs", self.unknown_inputs, tuple(signal.name for signal in self.vehicle.inputs))
+        object.__setattr__(self, "joint_noise", MappingProxyType(as_joint_noise(self.joint_noise, self._named)))
+
+    @property
+    def _named(self) -> dict[str, AbstractSensor]:
+        return dict(zip(self.sensor_names, self.sensors, strict=True))
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
@@ -45,11 +60,11 @@ class System(AbstractSystem):
     @cached_property
     def _hash(self) -> int:
         # once: every look-up of a compiled function asks for it
-        return hash((self.vehicle, self.sensors, self.unknown_inputs))
+        return hash((self.vehicle, self.sensors, self.unknown_inputs, frozenset(self.joint_noise.items())))
 
     def __reduce__(self) -> tuple[type[System], tuple[object, ...]]:
         # without the cached model: CasADi expressions do not travel between processes
-        return System, (self.vehicle, self.sensors, self.unknown_inputs)
+        return System, (self.vehicle, self.sensors, self.unknown_inputs, dict(self.joint_noise))
 
     def _build(self) -> Model:
         import casadi as ca
@@ -70,6 +85,7 @@ class System(AbstractSystem):
             unknown_inputs=tuple(signal for signal, _ in unknown),
             G=columns([column for _, column in unknown], len(vehicle.states)),
             channels=tuple(_channels(self, x)),
+            joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]
         )
 
 
@@ -87,5 +103,18 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
             if value.shape != (1, 1):
                 raise InputError(f"sensor {name!r}: {what} has shape {value.shape}: must be one number for all its outputs")
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
-        noise = Noise(spread, gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
+        noise = Noise(_spread_of(system, name, spread), gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
         yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)
+
+
+def _spread_of(system: System, name: str, own: ca.SX) -> ca.SX:
+    """Return the sensor's own standard deviation (1, 1), or those (q, 1) of its outputs in joint noise."""
+    import casadi as ca
+
+    for names, R in system.joint_noise.items():
+        if name in names:
+            if not own.is_constant():
+                raise InputError(f"joint_noise: the noise of {name!r} depends on the state, so that no R can be its covariance everywhere")
+            owner = [each for each in names for _ in system._named[each].outputs]
+            return ca.vertcat(*[ca.sqrt(np.asarray(R)[i, i]) for i, each in enumerate(owner) if each == name])
+    return own

@@ -107,7 +107,7 @@ def _updated(model: Model, P: ca.SX, y: ca.SX, active: ca.SX) -> tuple[ca.SX, ca
     All are linearised at the predicted mean. R is what information counts for a sample that has arrived.
     """
     C = ca.jacobian(model.h, model.x)
-    R = ca.vertcat(*[ca.repmat(channel.noise.variance, len(channel.outputs)) for channel in model.channels])
+    R = ca.vertcat(*[ca.SX.ones(len(channel.outputs)) * channel.noise.variance for channel in model.channels])
     moved = ca.SX.zeros(model.x.numel())
     for i, signal in enumerate(model.outputs):
         # an output that is off must not matter, not even where it has no derivative
