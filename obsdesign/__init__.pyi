@@ -53,7 +53,6 @@ from .information.landmark_circle import landmark_circle as landmark_circle
 from .information.posterior import posterior_information as posterior_information
 from .information.posterior import unknown_input_information as unknown_input_information
 from .information.record import Information as Information
-from .information.record import standard_deviations as standard_deviations
 from .information.shares import Contributions as Contributions
 from .information.shares import contributions as contributions
 from .information.totals import batch_information as batch_information
@@ -68,6 +67,7 @@ from .planner import Plan as Plan
 from .planner import Planner as Planner
 from .prior import Prior as Prior
 from .report.folder import write_report as write_report
+from .round_off import standard_deviations as standard_deviations
 from .rules.abstract import Segments as Segments
 from .rules.energy_budget import EnergyBudget as EnergyBudget
 from .rules.exclusive import Exclusive as Exclusive

@@ -16,10 +16,10 @@ from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
-from obsdesign.information.record import standard_deviations
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem
 from obsdesign.prior import Prior
+from obsdesign.round_off import standard_deviations
 from obsdesign.selection.schedule import Schedule
 from obsdesign.simulation import readings, simulate, states_from
 from obsdesign.step import steps_per_sample

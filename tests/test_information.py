@@ -14,7 +14,7 @@ from scipy.integrate import quad
 
 import obsdesign as od
 from obsdesign.information.gramian import transition_matrices
-from obsdesign.information.record import standard_deviations
+from obsdesign.round_off import standard_deviations
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 

@@ -195,8 +195,9 @@ def test_turns_end_where_neither_half_can_be_improved():
     question, pair = begun(np.tile([True, False], (3, 1)))
     end = settled(Turns(question, "here", pair))
     assert end.still
-    assert end.values[1] > end.values[0]  # the path
+    assert end.values[0] == end.values[1] == 0.0  # one range sees no turn about its beacon, whatever the path
     assert end.values[2] > end.values[1]  # the schedule
+    assert end.values[3] > end.values[2]  # the path
     again = shaped(question, end.pair.path.u, end.pair.schedule.chosen)
     assert again.value <= end.pair.objective * (1 + 1e-6)
     assert question.selected(end.pair.path).value <= end.pair.objective * (1 + 1e-9)

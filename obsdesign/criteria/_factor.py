@@ -1,38 +1,23 @@
-"""Information matrices: freed from the units of their rows, and what is left of them for some of the states."""
+"""What is left of an information matrix for some of the states."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-
-@dataclass(frozen=True)
-class Balanced:
-    """W = D V diag(values) V' D with D = diag(W)^1/2: the eigenvalues of W freed from the units of its rows."""
-
-    d: np.ndarray  # diagonal of D
-    values: np.ndarray
-    V: np.ndarray
-
-
-def balanced(W: np.ndarray) -> Balanced | None:
-    """Return W (n, n) with unit diagonal as eigenvalues and vectors, or None where it is singular to double precision."""
-    diagonal = np.diag(W)
-    if not (diagonal > 0).all():
-        return None
-    d = np.sqrt(diagonal)
-    values, V = np.linalg.eigh(W / np.outer(d, d))
-    return Balanced(d, values, V) if values[0] > len(W) * np.finfo(float).eps * values[-1] else None
+from obsdesign.round_off import spectrum, without_round_off
 
 
 def shadow(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return W_aa - W_ab W_bb^-1 W_ba for the kept states a (indices): what W says about them while the others are found as well."""
+    """Return W_aa - W_ab W_bb^-1 W_ba for the kept states a (indices): what W says about them while the others are found as well.
+
+    What is left is judged by the sizes of W_aa, of which the rest was taken: a direction that is round-off of these is 0.
+    """
     others = np.setdiff1d(np.arange(len(W)), kept)
     if not others.size:
         return W[np.ix_(kept, kept)]
     known, mixed = W[np.ix_(others, others)], W[np.ix_(others, kept)]
-    return W[np.ix_(kept, kept)] - mixed.T @ _solved(known, mixed)
+    whole = W[np.ix_(kept, kept)]
+    return without_round_off(whole - mixed.T @ _solved(known, mixed), np.diag(whole))
 
 
 def shadow_lift(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
@@ -46,7 +31,8 @@ def shadow_lift(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def _solved(known: np.ndarray, mixed: np.ndarray) -> np.ndarray:
-    """W_bb^+ W_ba, by the balanced pseudo-inverse: a state that nothing is known of has no entries in W_ba either."""
-    diagonal = np.sqrt(np.maximum(np.diag(known), np.finfo(float).tiny))
-    balanced = known / np.outer(diagonal, diagonal)
-    return np.linalg.lstsq(balanced, mixed / diagonal[:, None], rcond=len(known) * np.finfo(float).eps)[0] / diagonal[:, None]
+    """W_bb^+ W_ba, by unit sizes: a state that nothing is known of has no entries in W_ba either."""
+    found = spectrum(known)
+    inverse = np.where(found.hidden, 0.0, 1 / np.where(found.hidden, 1.0, found.values))
+    V = found.V / found.d[:, None]
+    return V @ (inverse[:, None] * (V.T @ mixed))

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from obsdesign.criteria import _factor as factor
 from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.round_off import spectrum
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -26,8 +26,8 @@ class LogDet(AbstractCriterion):
         return None
 
     def value(self, W: np.ndarray) -> float:
-        found = factor.balanced(W)
-        return -np.inf if found is None else float(np.sum(np.log(found.values)) + 2 * np.sum(np.log(found.d)))
+        found = spectrum(W)
+        return -np.inf if found.is_singular else float(np.sum(np.log(found.values)) + 2 * np.sum(np.log(found.d)))
 
     def slope(self, W: np.ndarray) -> np.ndarray:
         return np.linalg.inv(W)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.round_off import smallest_eigenvalue
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -17,7 +18,7 @@ _TIE = 1e-12  # eigenvalues nearer than this share of the largest are one
 
 @dataclass(frozen=True)
 class MinEigenvalue(AbstractCriterion):
-    """lambda_min(W): information about the direction known least.
+    """lambda_min(W): information about the direction known least; 0 where that is round-off of what was added.
 
     In a design: max t subject to W - t I >= 0, without a slope where eigenvalues coincide.
     """
@@ -27,7 +28,7 @@ class MinEigenvalue(AbstractCriterion):
         return None
 
     def value(self, W: np.ndarray) -> float:
-        return float(np.linalg.eigvalsh(W)[0])
+        return smallest_eigenvalue(W)
 
     def slope(self, W: np.ndarray) -> np.ndarray:
         # the mean over the eigenvectors of a repeated eigenvalue: one supergradient, and no matter how they are chosen

@@ -8,6 +8,7 @@ import numpy as np
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap
+from obsdesign.round_off import smallest_eigenvalue
 from obsdesign.simulation import simulate
 from obsdesign.step import blocks_of, sensitivity_of, step_of
 
@@ -28,7 +29,7 @@ def cap_of(problem: DesignProblem) -> Cap | None:
     idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step)
     W = problem.matrix(idle)
     names = tuple(problem.system.model.state_names[i] for i in block)
-    return Cap(float(np.linalg.eigvalsh(W[np.ix_(block, block)])[0]), names)
+    return Cap(smallest_eigenvalue(W[np.ix_(block, block)]), names)
 
 
 def _unmoved(problem: DesignProblem) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 
 from obsdesign.checks import require_divisor
 from obsdesign.errors import InputError
+from obsdesign.round_off import standard_deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +81,3 @@ class Information:
         if unknown:
             raise InputError(f"no sensor {unknown[0]!r} (there are {', '.join(self.names)})")
         return Information(self.blocks[:, [self.names.index(name) for name in sensors]], sensors, self.transition)
-
-
-def standard_deviations(J: np.ndarray) -> np.ndarray:
-    """Return sqrt(diag(J^-1)) (..., n) in the units of the states; inf where J (..., n, n) is blind to a state.
-
-    A direction counts as hidden when its eigenvalue, after J is scaled to unit diagonal, is below n eps.
-    """
-    J = np.asarray(J, dtype=float)
-    n = J.shape[-1]
-    diagonal = np.diagonal(J, axis1=-2, axis2=-1)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
-    values, vectors = np.linalg.eigh(J * scale[..., :, None] * scale[..., None, :])
-    hidden = values <= n * np.finfo(float).eps * np.maximum(values[..., -1:], 1.0)
-    inverse = np.where(hidden, 0.0, 1 / np.where(hidden, 1.0, values))
-    variances = np.einsum("...ij,...j->...i", vectors**2, inverse)
-    blind = np.einsum("...ij,...j->...i", vectors**2, hidden.astype(float)) > np.sqrt(np.finfo(float).eps)
-    return np.where(blind, np.inf, np.sqrt(variances) * scale)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.errors import InputError
-from obsdesign.information.record import Information, standard_deviations
+from obsdesign.information.record import Information
 from obsdesign.model import AbstractSystem
+from obsdesign.round_off import standard_deviations
 from obsdesign.signals import Signal
 from obsdesign.simulation import as_scale
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from obsdesign.design.record import Cap
 from obsdesign.information.posterior import posterior_information
-from obsdesign.information.record import standard_deviations
+from obsdesign.round_off import standard_deviations
 from obsdesign.selection.schedule import information_of
 from obsdesign.signals import Signal
 from obsdesign.study.record import CHOSEN, Analysis, Check, Quality, Study, every_step

@@ -13,9 +13,10 @@ from obsdesign.design.record import Design
 from obsdesign.design.starts import shortest_inputs
 from obsdesign.design.weave import Weave, best_weave
 from obsdesign.information.gramian import variational_gramian
-from obsdesign.information.record import Information, standard_deviations
+from obsdesign.information.record import Information
 from obsdesign.information.shares import contributions
 from obsdesign.moment import Moment
+from obsdesign.round_off import standard_deviations
 from obsdesign.scenario.schema import DESIGNED, SHORTEST, STRAIGHT, WEAVE, Scenario
 from obsdesign.simulation import simulate
 from obsdesign.study.record import Candidate, Quality, suites_of
