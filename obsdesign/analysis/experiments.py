@@ -21,7 +21,7 @@ from obsdesign.analysis.places import Place, random_fractions, random_residues
 from obsdesign.rank.balls import Number
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.residues import PRIME
+from obsdesign.rank.symbols import PRIME
 from obsdesign.rank.taylor import Arguments
 
 

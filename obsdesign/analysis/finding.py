@@ -10,7 +10,7 @@ from obsdesign.analysis.growth import Growth
 from obsdesign.analysis.places import Place
 from obsdesign.rank.balls import PRECISIONS
 from obsdesign.rank.elimination import Rank
-from obsdesign.rank.residues import PRIME
+from obsdesign.rank.symbols import PRIME
 
 StoppedBy = Literal["full", "criterion", "cap", "bound", "stalled", "precision"]
 NEARLY_SINGULAR = 1e-8

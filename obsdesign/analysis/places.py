@@ -15,7 +15,8 @@ from obsdesign.errors import InputError
 from obsdesign.rank.balls import BALLS, PRECISIONS, Number, as_ball
 from obsdesign.rank.constants import as_rational
 from obsdesign.rank.graph import Arithmetic
-from obsdesign.rank.residues import PRIME, RESIDUES
+from obsdesign.rank.residues import RESIDUES
+from obsdesign.rank.symbols import PRIME
 
 Exact = tuple[Fraction, ...]
 
