@@ -146,9 +146,11 @@ def _coloured(problem: DesignProblem, white: np.ndarray, due: np.ndarray) -> np.
 
     white (K+2, q): its first row is e before the first sample, its second the constant errors, in standard deviations.
     """
-    noises = [problem.system.model.channels[sensor].noise for sensor in problem.system.model.output_owner]
+    model = problem.system.model
+    noises = [model.channels[sensor].noise for sensor in model.output_owner]
     c, bias = (np.array([getattr(noise, name) for noise in noises]) for name in ("correlation", "bias"))
-    error, constant, found = white[0], bias * white[1], np.empty((2, len(due), len(noises)))
+    constant, white = bias * white[1], white @ model.instant_root.T if model.joint else white
+    error, found = white[0], np.empty((2, len(due), len(noises)))
     for k, fresh in enumerate(white[2:]):
         error = np.where(due[k], c * error + np.sqrt(1 - c**2) * fresh, error)
         found[:, k] = error, constant

@@ -85,9 +85,9 @@ def validate(
     """Run an EKF on `runs` simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
     Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise of psd (n,) or (n, n) [unit^2/s];
-    its samples have the sensors' correlated noise and constant errors, and are missing out of range and view. Each filter
-    starts at a draw from N(x(t_0), P_0), knows the psd, takes each sample as independent, of the variance that information
-    counts for it, and unknown inputs as 0: only the bound is that of somebody who knows them.
+    its samples have the sensors' correlated, joint and constant errors, and are missing out of range and view. Each filter
+    starts at a draw from N(x(t_0), P_0), knows the psd and how the errors come about, which it estimates with the state, and takes
+    unknown inputs as 0: only the bound is that of somebody who knows them.
     schedule: Schedule, (K, S) bool, or None = all sensors on.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
@@ -145,6 +145,8 @@ def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     guess = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
     gusts = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
     noise = random.standard_normal((steps, len(model.outputs)))
+    if model.joint:
+        noise = noise @ model.instant_root.T
     periods = steps_per_sample(task.system.model, task.path.step)
     for column, sensor in enumerate(model.output_owner):
         correlation = model.channels[sensor].noise.correlation

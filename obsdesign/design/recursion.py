@@ -9,10 +9,12 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
+from obsdesign.information.lasting import Errors, sampled_with
 from obsdesign.information.posterior import noise_factor
 from obsdesign.model import Model
-from obsdesign.packing import packed, symmetric
-from obsdesign.step import CACHED, blocks_of, sensitivity_of, step_of
+from obsdesign.nuisance import Nuisance, nuisance_of
+from obsdesign.packing import packed, packed_values, symmetric
+from obsdesign.step import CACHED, Step, blocks_of, sensitivity_of, step_of
 
 _UNSEEN = 1e-12  # share of an unknown input's size below which it has not been seen
 
@@ -49,29 +51,67 @@ def posterior_recursion(model: Model, step: float, known: Knowledge) -> Recursio
     """Carry J, packed, before the samples of t_k: J+ = M - M B (B'M B + Q^-1)^-1 B'M with M = F^-T (J + C'R^-1 C) F^-1.
 
     The last gain is J + C'R^-1 C of t_N-1. In plain arithmetic, smooth, for the solver; values are recomputed with square roots.
+    With errors that last, J is about the constant ones (c of them) and the state, and `Errors` are carried along.
     """
-    one, n = step_of(model, step).without_disturbance(), len(model.states)
-    due, (J, carry) = ca.SX.sym("due", len(model.channels) + 1), symmetric("J", n)
-    blocks = blocks_of(model, ca.SX.eye(n))
-    after = J + sum((due[s] * block for s, block in enumerate(blocks)), ca.SX(n, n))
+    one, nuisance = step_of(model, step).without_disturbance(), nuisance_of(model, step)
+    a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
+    due, (J, entries) = ca.SX.sym("due", len(model.channels) + 1), symmetric("J", c + n)
+    M, (V, spread) = ca.SX.sym("M", a, c + n), symmetric("V", a)
+    after, errors = _after_samples(model, nuisance, (J, Errors(M, V)), due)
+    moved, later = _moved(one, _columns(model, step, known), (after, errors.later(nuisance)))
+    start = np.eye(c + n)
+    start[c:, c:] = np.linalg.inv(known.prior.covariance)
+    z = ca.vertcat(one.x, entries, ca.vec(M), spread)
+    z_next = ca.vertcat(one.x_next, packed(moved), ca.vec(ca.densify(later.M)), packed(later.V))
+    first = np.concatenate([packed_values(start.T), np.zeros(a * (c + n)), packed_values(nuisance.R)])
+    return Recursion(z, one.u, due, z_next, due[-1] * packed(_about_state(after, c)), first)
+
+
+_Known = tuple[ca.SX, Errors]  # J about (b, x), and the other errors given those
+
+
+def _after_samples(model: Model, nuisance: Nuisance, before: _Known, due: ca.SX) -> _Known:
+    J, errors = before
+    if not nuisance.size:
+        blocks = blocks_of(model, ca.SX.eye(len(model.states)))
+        return J + sum((due[s] * block for s, block in enumerate(blocks)), ca.SX(*J.shape)), errors
+    rows, counts, after = sampled_with(model, nuisance, errors, due)
+    return J + rows.T @ (ca.repmat(counts, 1, rows.shape[1]) * rows), after
+
+
+def _moved(one: Step, columns: list[tuple[ca.SX, float]], after: _Known) -> _Known:
+    """Return what is known of x_k+1 when columns move it, each by what has so much information, and of the errors given that."""
+    (J, errors), n = after, one.x.numel()
+    c = J.shape[0] - n
     inverse = ca.solve(one.F, ca.SX.eye(n))
-    names = [signal.name for signal in model.unknown_inputs]
-    unknown = [names.index(name) for name in known.unknown_inputs]
-    moved = inverse.T @ after @ inverse
-    for column in unknown:
-        moved = _without(moved, one.B_w[:, column], 0.0)
-    L = noise_factor(known.disturbance_psd, n, step)
-    for column in range(L.shape[1]):
-        moved = _without(moved, ca.SX(ca.DM(L[:, column])), 1.0)
-    start = np.linalg.inv(known.prior.covariance)
-    rows, columns = np.triu_indices(n)
-    z = ca.vertcat(one.x, carry)
-    return Recursion(z, one.u, due, ca.vertcat(one.x_next, packed(moved)), due[-1] * packed(after), start[columns, rows])
+    back = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
+    moved, M, V = back.T @ J @ back, errors.M @ back, errors.V
+    for column, least in columns:
+        b = ca.vertcat(ca.SX(c, 1), column)
+        g, size = _taken(moved, b, least)
+        along = M @ b
+        moved, M, V = moved - g @ g.T / size, M - along @ g.T / size, V + along @ along.T / size
+    return moved, Errors(M, V)
 
 
-def _without(M: ca.SX, b: ca.SX, least: float) -> ca.SX:
-    """M - M b b' M / (b'M b + least): what is left when something moves the state along b."""
+def _columns(model: Model, step: float, known: Knowledge) -> list[tuple[ca.SX, float]]:
+    """What moves the state beside its inputs, and the information that there is about it before: 0 of unknown inputs, 1 of noise."""
+    one, names = step_of(model, step).without_disturbance(), [signal.name for signal in model.unknown_inputs]
+    L = noise_factor(known.disturbance_psd, len(model.states), step)
+    unknown = [(one.B_w[:, names.index(name)], 0.0) for name in known.unknown_inputs]
+    return unknown + [(ca.SX(ca.DM(L[:, column])), 1.0) for column in range(L.shape[1])]
+
+
+def _taken(M: ca.SX, b: ca.SX, least: float) -> tuple[ca.SX, ca.SX]:
+    """M b and b'M b + least: M - M b b'M / that is left when something moves the state along b."""
     g = M @ b
     size = ca.dot(b, g) + least
     safe = size + _UNSEEN * (ca.trace(M) * ca.sumsqr(b)) * float(least == 0)
-    return M - g @ g.T / (safe + 1e-300)
+    return g, safe + 1e-300
+
+
+def _about_state(J: ca.SX, c: int) -> ca.SX:
+    """Schur complement of the first c: constant errors have information of their own, so that no pivot is 0."""
+    for _ in range(c):
+        J = J[1:, 1:] - J[1:, 0] @ J[0, 1:] / J[0, 0]
+    return J

@@ -8,7 +8,9 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from obsdesign.estimation._roots import Scans, root_belief, root_of, root_scans, root_start
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.nuisance import Nuisance, nuisance_of
 from obsdesign.packing import packed, packed_values, symmetric, unpacked
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of
@@ -16,15 +18,24 @@ from obsdesign.step import CACHED, step_of
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What the filters of R runs believe: mean (..., R, n), covariance (..., R, n, n)."""
+    """What the filters of R runs believe: mean (..., R, n), covariance (..., R, n, n).
+
+    carry (R, .): the same with the nuisance states of samples whose errors last, as the next step takes it; None: nothing has
+    been learned of them yet.
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
+    carry: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class ExtendedKalmanFilter:
-    """Predict and update filters of one system side by side; noise (n, n): process covariance of one step of `step` seconds."""
+    """Predict and update filters of one system side by side; noise (n, n): process covariance of one step of `step` seconds.
+
+    The filter's own model of the samples is the one that is stated: correlated, constant and joint errors are nuisance states
+    beside x, see `Nuisance`. A sample has then nothing white left, and covariances are carried as roots.
+    """
 
     system: AbstractSystem
     step: float
@@ -32,12 +43,12 @@ class ExtendedKalmanFilter:
 
     def predict(self, belief: Belief, u: np.ndarray) -> Belief:
         """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs."""
-        return self._once(_predict(self.system.model, self.step), belief, [u, self._added])
+        return self._once(self._scans.predict, belief, [u, self._added])
 
     def update(self, belief: Belief, y: np.ndarray, active: np.ndarray) -> Belief:
         """Take in the outputs y (R, q) of those that are active, (q,) or (R, q); angle residuals wrap."""
         each = np.broadcast_to(active, y.shape).astype(float)
-        return self._once(_update(self.system.model), belief, [y[:, None], each[:, None]])
+        return self._once(self._scans.update, belief, [y[:, None], each[:, None]])
 
     def run(self, first: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> Belief:
         """Return N+1 beliefs (N+1, R, ...): after the update at t_k for k < N, predicted at t_N.
@@ -47,23 +58,47 @@ class ExtendedKalmanFilter:
         n, steps = first.mean.shape[1], len(u)
         each = active if active.ndim == 2 else np.swapaxes(active, 0, 1)
         rows = [u, np.swapaxes(y, 0, 1), each.astype(float), self._added]
-        run = _filter(self.system.model, self.step).run(_packed(first), rows, steps, carries=False)
-        means = np.concatenate([run.results[0], run.carry[:, None, :n]], axis=1)
-        covariances = np.concatenate([run.results[1].reshape(-1, steps, n, n), unpacked(run.carry[:, n:], n)[:, None]], axis=1)
+        run = self._scans.both.run(self._packed(first), rows, steps, carries=False)
+        last = self._unpacked(run.carry, n)
+        means = np.concatenate([run.results[0], last.mean[:, None]], axis=1)
+        covariances = np.concatenate([run.results[1].reshape(-1, steps, n, n), last.covariance[:, None]], axis=1)
         return Belief(means.swapaxes(0, 1), covariances.swapaxes(0, 1))
 
     @property
+    def _scans(self) -> Scans:
+        model = self.system.model
+        return root_scans(model, self.step) if self._nuisance.size else _scans(model, self.step)
+
+    @property
+    def _nuisance(self) -> Nuisance:
+        return nuisance_of(self.system.model, self.step)
+
+    @property
     def _added(self) -> np.ndarray:
-        return packed_values(np.asarray(self.noise, dtype=float))
+        noise = np.asarray(self.noise, dtype=float)
+        return root_of(noise).ravel() if self._nuisance.size else packed_values(noise)
 
     def _once(self, scan: Scan, belief: Belief, rows: list[np.ndarray]) -> Belief:
-        n = belief.mean.shape[1]
-        carry = scan.run(_packed(belief), rows, 1, carries=False).carry
-        return Belief(carry[:, :n], unpacked(carry[:, n:], n))
+        return self._unpacked(scan.run(self._packed(belief), rows, 1, carries=False).carry, belief.mean.shape[1])
+
+    def _packed(self, belief: Belief) -> np.ndarray:
+        if not self._nuisance.size:
+            return _packed(belief)
+        return root_start(belief.mean, belief.covariance, self._nuisance) if belief.carry is None else belief.carry
+
+    def _unpacked(self, carry: np.ndarray, n: int) -> Belief:
+        if not self._nuisance.size:
+            return Belief(carry[:, :n], unpacked(carry[:, n:], n))
+        return Belief(*root_belief(carry, n, self._nuisance), carry)
 
 
 def _packed(belief: Belief) -> np.ndarray:
     return np.hstack([belief.mean, packed_values(belief.covariance)])
+
+
+@lru_cache(CACHED)
+def _scans(model: Model, step: float) -> Scans:
+    return Scans(_predict(model, step), _update(model), _filter(model, step))
 
 
 @lru_cache(CACHED)

@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import as_array, require_known
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
+from obsdesign.information.lasting import Errors, carried_with, sampled_with
 from obsdesign.information.recursion import Disturbance, Root, shaken
 from obsdesign.information.sampling import require_derivatives, sampled
 from obsdesign.model import AbstractSystem, Model
-from obsdesign.packing import packed, symmetric
+from obsdesign.nuisance import Nuisance, nuisance_of
+from obsdesign.packing import packed, packed_values, symmetric
 from obsdesign.prior import Prior
 from obsdesign.scan import Scan
 from obsdesign.simulation import held_along
@@ -40,6 +42,8 @@ def posterior_information(
     J+ = M - M B (B'M B + Q^-1)^# B'M + C'R^-1 C,  M = F^-T J F^-1,  J_0 = P_0^-1 + C'R^-1 C; for an unknown input Q^-1 = 0.
     F and B are taken at the inputs that moved the path, `path.w` among them; whoever estimates knows all but those named in
     unknown_inputs. Computed with square roots of J, so that what is lost to an unknown input is lost to the last digit.
+    Errors of samples that are correlated, constant or joint are nuisance states, which are eliminated: J = (P_xx)^-1 of the filter
+    that knows how they come about; see `Errors`. A sensor that is off lets them go on.
     disturbance_psd: None, (n,) or (n, n) in unit^2/s, Q = psd * step; active (N, S) bool: which sensors are on, None = all.
     Raises InputError for shapes that do not fit, unknown names, and unknown inputs of which a combination leaves no trace in
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
@@ -70,6 +74,7 @@ def unknown_input_information(
     if not unknown_inputs:
         raise InputError("unknown_inputs is empty: there is no input to know anything of")
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
+    _require_independent(system, path)
     weights = weights_of(system, path, active)
     later = _backwards(system, path, disturbance, weights)
     roots = _roots(system, path, prior, disturbance, weights)[:-1]
@@ -77,6 +82,14 @@ def unknown_input_information(
     about_state = np.concatenate([roots, later[:, :, :n]], axis=1)
     about_input = np.concatenate([np.zeros_like(later[:, :, n:]), later[:, :, n:]], axis=1)
     return _left_of(about_input, about_state)
+
+
+def _require_independent(system: AbstractSystem, path: Trajectory) -> None:
+    """Raise InputError for a sensor whose errors last."""
+    nuisance, model = nuisance_of(system.model, path.step), system.model
+    for i in (*nuisance.coloured, *nuisance.constant):
+        name = model.sensor_names[model.output_owner[i]]
+        raise InputError(f"sensor {name!r} has errors that last: what is known of unknown inputs needs samples that are independent")
 
 
 def disturbance_of(
@@ -139,35 +152,56 @@ def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
     return ca.vertcat(*rows)
 
 
-def posterior_start(prior: Prior) -> np.ndarray:
-    """Return the carry (n n + n,) before the samples of t_0."""
+def posterior_start(prior: Prior, nuisance: Nuisance) -> np.ndarray:
+    """Return the carry before the samples of t_0: (T, rounding) about (b, x), M = 0 and V = R, column by column."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
-    return np.concatenate([root.ravel(order="F"), np.zeros(len(root))])
+    a, c = len(nuisance.coloured), len(nuisance.constant)
+    T = np.eye(c + len(root))
+    T[c:, c:] = root
+    return np.concatenate([T.ravel(order="F"), np.zeros(len(T)), np.zeros(a * len(T)), packed_values(nuisance.R)])
 
 
 @lru_cache(CACHED)
 def _forward(model: Model, step: float, disturbance: Disturbance) -> Scan:
     """Carry before the samples of t_k, rows x_k, (u, w)_k, active (S,) -> carry before those of t_k+1; result: R after those of t_k.
 
-    The carry is (T, rounding): T'T the information, T and R column by column; see `Root`.
+    The carry is (T, rounding): T'T the information, T and R column by column; see `Root`. With errors that last, T is about the
+    constant ones and the state, and M and V of the others follow; see `Errors`.
     """
-    one, n = step_of(model, step), len(model.states)
-    T, rounding, weights = ca.SX.sym("T", n, n), ca.SX.sym("rounding", n), ca.SX.sym("active", len(model.channels))
-    known = Root(T, rounding).with_rows(_sample_rows(model, weights))
-    later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
-    carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
-    return Scan(ca.vertcat(ca.vec(T), rounding), [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T))])
+    one, nuisance = step_of(model, step), nuisance_of(model, step)
+    a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
+    T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
+    if not nuisance.size:
+        known = Root(T, rounding).with_rows(_sample_rows(model, weights))
+        later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
+        carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
+        return Scan(ca.vertcat(ca.vec(T), rounding), [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T))])
+    M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
+    rows, counts, errors = sampled_with(model, nuisance, Errors(M, V), weights)
+    known = Root(T, rounding).with_rows(ca.sqrt(counts) * rows)
+    later, errors_later = carried_with(known, errors.later(nuisance), one.F, one.B_w, disturbance)
+    carry_next = ca.vertcat(ca.vec(later.T), later.rounding, ca.vec(errors_later.M), packed(errors_later.V))
+    carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
+    return Scan(carry, [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T[c:, c:]))])
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
-    n = path.x.shape[1]
+    n, nuisance = path.x.shape[1], nuisance_of(system.model, path.step)
     rows = [path.x[:-1], held_along(system, path), weights]
-    run = _forward(system.model, path.step, disturbance).run(posterior_start(prior)[None], rows, path.steps, carries=False)
-    columns = np.concatenate([run.results[0][0], run.carry[:, : n * n]])
+    start = posterior_start(prior, nuisance)[None]
+    run = _forward(system.model, path.step, disturbance).run(start, rows, path.steps, carries=False)
+    size = n + len(nuisance.constant)
+    last = run.carry[0, : size**2].reshape(size, size).T
+    columns = np.concatenate([run.results[0][0], _about_state(last, n).T.reshape(1, -1)])
     if not np.isfinite(columns).all():
         _refuse(columns, system, path, weights)
     return columns.reshape(-1, n, n).swapaxes(1, 2)
+
+
+def _about_state(T: np.ndarray, n: int) -> np.ndarray:
+    """Return the root (n, n) of what T says about the last n, whatever the others are."""
+    return T if len(T) == n or not np.isfinite(T).all() else np.linalg.qr(T).R[-n:, -n:]
 
 
 @lru_cache(CACHED)

@@ -70,6 +70,11 @@ class Root:
         """Return the root about y where this one is about F y."""
         return Root(self.T @ F, ca.fabs(F).T @ (_MEMORY * self.rounding + _round_off(self.T)))
 
+    @property
+    def now(self) -> ca.SX:
+        """Rounding (n, 1) once T has been computed with again."""
+        return self.rounding + _round_off(self.T)
+
     def with_rows(self, rows: ca.SX) -> Root:
         """Return the upper triangular root of what both know."""
         return Root(triangular(ca.vertcat(self.T, rows)), self.rounding + _round_off(rows))
@@ -86,11 +91,11 @@ def shaken(root: Root, B_w: ca.SX, disturbance: Disturbance) -> Root:
     B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I. Roots keep what squares lose: where
     nothing is known any more, what is left is the square of rounding.
     """
-    T, rounding = root.T, root.rounding + _round_off(root.T)
+    T, rounding = root.T, root.now
     for column in disturbance.unknown:
         T = _projected(T, B_w[:, column], rounding)
     for column in 2 * disturbance.unknown:  # twice: one may undo a little of the other
-        T = _blind(T, B_w[:, column], rounding)
+        T = blind(T, B_w[:, column], rounding)
     L = ca.sparsify(ca.SX(ca.DM(disturbance.L)))
     for column in range(L.shape[1]):
         g = T @ L[:, column]
@@ -101,13 +106,19 @@ def shaken(root: Root, B_w: ca.SX, disturbance: Disturbance) -> Root:
 
 def _projected(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
     """(I - g g' / g'g) T with g = T b: what rows say whatever moves along b; T itself where they do not notice."""
-    g, unsure = T @ b, _UNSURE * (rounding.T @ ca.fabs(b))
+    g = T @ b
+    return T - noticed(g, b, rounding) * (g @ (g.T @ T))
+
+
+def noticed(g: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
+    """Return 1 / g'g, g = T b: the variance of what moves the state along b, given where it came to; 0 where T does not notice."""
+    unsure = _UNSURE * (rounding.T @ ca.fabs(b))
     known = ca.sumsqr(g)
     seen = known > unsure * unsure
-    return T - ca.if_else(seen, 1 / ca.if_else(seen, known, 1), 0) * (g @ (g.T @ T))
+    return ca.if_else(seen, 1 / ca.if_else(seen, known, 1), 0)
 
 
-def _blind(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
+def blind(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
     """T with T b = 0 restored, which was so but for rounding: else that would grow from step to step. Changes columns by their rounding."""
     share = rounding * rounding * b
     size = b.T @ share
