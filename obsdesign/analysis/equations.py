@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 
 import casadi as ca
 
+from obsdesign.analysis.places import Place
 from obsdesign.checks import require_known
 from obsdesign.model import Model
-from obsdesign.rank.constants import as_rational, symbolise
+from obsdesign.rank.constants import symbolise
 from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
+from obsdesign.rank.numbers import Meaning
+from obsdesign.rank.reading import read
 from obsdesign.rank.taylor import Flow
 
-Exact = tuple[Fraction, ...]
+Exact = tuple[Meaning, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +26,8 @@ class Equations:
     """xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs (q, 1); fields are SX (n, 1).
 
     constants (c, 1): symbols for the numbers in all of these, with their values; extra: how many states come first that
-    were added, and are not asked for.
+    were added, and are not asked for; origin (n,): x is the state that was asked about less origin pi; read: doubles of the
+    model, each with what it stands for.
     """
 
     x: ca.SX
@@ -36,6 +40,8 @@ class Equations:
     outputs: ca.SX
     output_names: tuple[str, ...]
     extra: int = 0
+    origin: tuple[Fraction, ...] = ()
+    read: tuple[tuple[float, Meaning], ...] = ()
 
     @property
     def n(self) -> int:
@@ -74,6 +80,14 @@ class Equations:
         """Drift and known fields, those that vanish left out."""
         return tuple(field for field in (self.drift, *self.known) if not field.is_zero())
 
+    def state_at(self, place: Place) -> Place:
+        """Return the state that was asked about, of which the place is what these equations make."""
+        return place.less([-turns for turns in self.origin]) if self.origin else place
+
+    def where(self, place: Place) -> str:
+        """Say where the place is."""
+        return self.state_at(place).in_words(self.names)
+
     def function(self, expression: ca.SX) -> ca.Function:
         """Return (x, constants) -> expression."""
         return ca.Function("expression", [self.x, self.constants], [expression])
@@ -87,26 +101,47 @@ class Equations:
         return replace(self, unknown=tuple(self.unknown[j] for j in kept))
 
 
-def equations_of(model: Model, held: Mapping[str, float] | None = None) -> Equations:
-    """Return the model's equations with a symbol for every constant; held: known inputs kept at a value, which joins the drift."""
-    held = held or {}
+def equations_of(
+    model: Model,
+    held: Mapping[str, float] | None = None,
+    origin: Sequence[Fraction] | None = None,
+    meaning: Callable[[float], Meaning] | None = None,
+) -> Equations:
+    """Return the model's equations with a symbol for every constant.
+
+    held: known inputs kept at a value, which joins the drift; origin (n,): the equations are those of the state less origin pi,
+    multiples of pi / 12, so that sine and cosine there are those of 0; meaning: what a double stands for (None: what was meant).
+    """
+    held, meaning = held or {}, meaning or meant
     require_known("held", tuple(held), model.input_names)
     levels = ca.SX.sym("held", len(held))
     columns = {name: i for i, name in enumerate(model.input_names)}
     n, q, m = model.x.numel(), len(model.outputs), len(model.inputs)
-    graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))))
+    graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))), meaning, origin)
     fields = ca.horzsplit(ca.reshape(graph.expression[q:], n, -1))
     return Equations(
         x=model.x,
         names=model.state_names,
         constants=ca.vertcat(graph.constants, levels),
-        values=(*graph.values, *(as_rational(float(value)) for value in held.values())),
+        values=(*graph.values, *(meaning(float(value)) for value in held.values())),
         drift=fields[0] + sum((fields[1 + columns[name]] * levels[i] for i, name in enumerate(held)), ca.SX.zeros(n)),
         known=tuple(fields[1 + i] for name, i in columns.items() if name not in held),
         unknown=tuple(fields[m + 1 :]),
         outputs=graph.expression[:q],
         output_names=tuple(signal.name for signal in model.outputs),
+        origin=tuple(origin or ()),
+        read=(*graph.read, *((float(value), meaning(float(value))) for value in held.values())),
     )
+
+
+def meant(value: float) -> Meaning:
+    """Return what was meant by a double."""
+    return read(value).meant
+
+
+def typed(value: float) -> Meaning:
+    """Return what a double stands for as it stands, where it may be a rounded one."""
+    return read(value).typed
 
 
 def with_input_states(equations: Equations, levels: int) -> Equations:
@@ -126,4 +161,5 @@ def with_input_states(equations: Equations, levels: int) -> Equations:
         known=tuple(ca.vertcat(zeros, field) for field in equations.known),
         unknown=tuple(ca.SX([float(row == top + j) for row in range(n)]) for j in range(p)),
         extra=p * levels,
+        origin=(*[Fraction(0)] * (p * levels * bool(equations.origin)), *equations.origin),
     )

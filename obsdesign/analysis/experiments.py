@@ -18,9 +18,9 @@ from flint import arb, nmod_mat
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.places import Place, random_fractions, random_residues
-from obsdesign.rank.balls import Number
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.graph import NoValueError
+from obsdesign.rank.numbers import Number
 from obsdesign.rank.symbols import PRIME
 from obsdesign.rank.taylor import Arguments
 
@@ -139,7 +139,7 @@ class Experiments:
         except NoValueError as error:
             _, order, output = self.labels[chosen[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
-            raise NoValueError(error.row, f"{what} at {self.place.in_words(self.equations.names)}") from None
+            raise NoValueError(error.row, f"{what} at {self.equations.where(self.place)}") from None
 
     @cached_property
     def _cache(self) -> dict[int, list[list[Any]]]:

@@ -60,7 +60,7 @@ def require_value(equations: Equations, place: Place) -> None:
     for expression, labels in checks:
         row = first_without_value(equations.function(expression), (place.state, equations.values))
         if row is not None:
-            raise NoValueError(row, f"{labels[row]} at {place.in_words(equations.names)}")
+            raise NoValueError(row, f"{labels[row]} at {equations.where(place)}")
 
 
 def generic_growth(equations: Equations, around: Surroundings) -> Growth:

@@ -44,7 +44,7 @@ def reachable(equations: Equations, place: Place, seed: int) -> Place:
                 time = time / 2  # a kink may lie on the way
                 continue
             return reached
-    raise InputError(f"no state was found that is reached from {place.in_words(equations.names)} without a kink or a pole nearby")
+    raise InputError(f"no state was found that is reached from {equations.where(place)} without a kink or a pole nearby")
 
 
 def _time(coefficient: arb, k: int) -> arb:

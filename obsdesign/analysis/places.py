@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
+from flint import arb
 from numpy.typing import ArrayLike
 
 from obsdesign.errors import InputError
-from obsdesign.rank.balls import BALLS, PRECISIONS, Number, as_ball
-from obsdesign.rank.constants import as_rational
+from obsdesign.rank.balls import BALLS, PRECISIONS
 from obsdesign.rank.graph import Arithmetic
+from obsdesign.rank.numbers import Irrational, Number, as_ball, of_pi
+from obsdesign.rank.reading import read
 from obsdesign.rank.residues import RESIDUES
 from obsdesign.rank.symbols import PRIME
-
-Exact = tuple[Fraction, ...]
 
 # Where random points are looked for: inside the domain of sqrt, log, acos and acosh first. Corners are whole numbers.
 _BOXES = ((0, 1), (-1, 1), (1, 3), (-3, -1), (-100, 100), (0, 1000))
@@ -44,6 +44,10 @@ class Place:
         """The state in doubles (n,)."""
         return np.array([float(value) for value in self.state])
 
+    def less(self, origin: Sequence[Fraction]) -> Place:
+        """Return the state less origin pi (n,)."""
+        return replace(self, state=tuple(_less(value, turns) for value, turns in zip(self.state, origin, strict=True)))
+
     def in_words(self, names: Sequence[str]) -> str:
         """Say where it is."""
         return ", ".join(f"{name} = {float(value):g}" for name, value in zip(names, self.state, strict=True))
@@ -58,6 +62,19 @@ def random_residues(count: int, seed: int | str) -> list[int]:
     """Return random whole numbers in [1, prime)."""
     generator = random.Random(f"residues {seed}")
     return [generator.randrange(1, PRIME) for _ in range(count)]
+
+
+def origin_of(place: Place) -> tuple[Fraction, ...]:
+    """Return, for every entry that is a multiple of pi, the multiple of 1/12 at or below that multiple; 0 for the others."""
+    multiples = [value.turns if isinstance(value, Irrational) else None for value in place.state]
+    return tuple(Fraction(math.floor(12 * multiple), 12) if multiple else Fraction(0) for multiple in multiples)
+
+
+def _less(value: Number, turns: Fraction) -> Number:
+    if not turns:
+        return value
+    away = of_pi(-turns)
+    return value + as_ball(away) if isinstance(value, arb) else away + value
 
 
 def random_fractions(count: int, seed: int | str) -> list[Fraction]:
@@ -106,7 +123,9 @@ class Surroundings:
 
 
 def _moved(value: Number, step: Fraction) -> Number:
-    return value if step == 0 or not isinstance(value, Fraction) else value + (1 + abs(value)) * step
+    if step == 0 or isinstance(value, arb):
+        return value
+    return value + (1 + abs(value if isinstance(value, Fraction | int) else Fraction(float(value)))) * step
 
 
 def as_place(names: Sequence[str], at: ArrayLike) -> Place:
@@ -120,4 +139,4 @@ def as_place(names: Sequence[str], at: ArrayLike) -> Place:
     for name, value in zip(names, values, strict=True):
         if not math.isfinite(value):
             raise InputError(f"at: {name} is {value}: must be finite")
-    return Place(tuple(as_rational(float(value)) for value in values))
+    return Place(tuple(read(float(value)).typed for value in values))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.analysis.doubts import Answer, as_read, with_doubts
 from obsdesign.analysis.equations import Equations, equations_of
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding
@@ -18,13 +19,14 @@ from obsdesign.analysis.generic import cap_of, generic_finding
 from obsdesign.analysis.growth import generic_growth, require_value
 from obsdesign.analysis.hidden import hidden_in_words
 from obsdesign.analysis.jets import jets_finding
-from obsdesign.analysis.places import Place, Surroundings, as_place, random_fractions
+from obsdesign.analysis.places import Place, Surroundings, as_place, origin_of, random_fractions
 from obsdesign.analysis.points import finding_at, jets_at
 from obsdesign.analysis.polynomial import Polynomial, augmented
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.rank.numbers import Meaning
 
 KnownInputs = Literal["any", "smooth"]
 Disturbance = Literal["arbitrary"] | Polynomial
@@ -71,56 +73,82 @@ def observability_of(
     _require_answerable(model, disturbance, known_inputs, method, orders, seed)
     asked = augmented(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
     place = None if at is None else _place(model, asked, at, seed)
-    equations = equations_of(asked, _as_held(held or {}))
-    if place:
-        require_value(equations, place)
-        Experiments(equations, place, 2, seed=seed).rank(2, confirmed=False)  # raises where a derivative has no value
-    around = Surroundings(equations.n, seed, place)
-    smooth = known_inputs == "smooth"
-    if method == "jets":
-        finding = jets_at(equations, smooth, place, seed, orders) if place else _jets(equations, smooth, around, orders)
-        return _verdict(asked, model, finding, disturbance, known_inputs)
-    nearby = generic_finding(equations, smooth, around)
-    if isinstance(disturbance, Polynomial) and asked is not model:
-        higher = equations_of(augmented(model, disturbance.degree + 1), held)
-        step = _induction(higher, len(model.unknown_inputs), nearby, seed)
-        nearby = replace(nearby, at_most=f"{nearby.at_most}; {step}")
-    generic = _verdict(asked, model, nearby, disturbance, known_inputs)
-    if place is None:
-        return generic
-    verdict = _verdict(asked, model, finding_at(equations, smooth, place, nearby, seed), disturbance, known_inputs)
-    return verdict if verdict.dimension == generic.dimension else replace(verdict, generic=generic)
+    question = _Question(model, asked, _as_held(held or {}), disturbance, known_inputs, seed, method, orders)
+    return with_doubts(question.answer, place)
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What was asked but for the point; asked: the model with the unknown inputs of a polynomial disturbance as states."""
+
+    model: Model
+    asked: Model
+    held: Mapping[str, float]
+    disturbance: Disturbance
+    known_inputs: KnownInputs
+    seed: int
+    method: Literal["recursion", "jets"]
+    orders: int | None
+
+    def answer(self, place: Place | None, meaning: Callable[[float], Meaning]) -> Answer:
+        """Return the verdict at the place, or at generic points; meaning: what a constant of the model stands for."""
+        equations = equations_of(self.asked, self.held, origin_of(place) if place else None, meaning)
+        read = (*equations.read, *zip(self.asked.state_names, place.state, strict=True)) if place else equations.read
+        finding, nearby = self._findings(equations, place.less(equations.origin) if place else None)
+        verdict, generic = self._worded(equations, finding), self._worded(equations, nearby) if nearby else None
+        verdict = replace(
+            verdict,
+            proof=f"{verdict.proof}{as_read(read)}",
+            generic=generic if generic and generic.dimension != verdict.dimension else None,
+        )
+        return Answer(verdict, equations, finding.rank.smallest_pivot)
+
+    def _findings(self, equations: Equations, place: Place | None) -> tuple[Finding, Finding | None]:
+        """Return what was found, and, where a point was asked for, what was found nearby."""
+        if place:
+            require_value(equations, place)
+            Experiments(equations, place, 2, seed=self.seed).rank(2, confirmed=False)  # raises where a derivative has no value
+        around = Surroundings(equations.n, self.seed, place)
+        smooth = self.known_inputs == "smooth"
+        if self.method == "jets":
+            at_place = jets_at(equations, smooth, place, self.seed, self.orders) if place else _jets(equations, smooth, around, self.orders)
+            return at_place, None
+        nearby = generic_finding(equations, smooth, around)
+        if isinstance(self.disturbance, Polynomial) and self.asked is not self.model:
+            nearby = replace(nearby, at_most=f"{nearby.at_most}; {self._induction(self.disturbance, nearby)}")
+        return (finding_at(equations, smooth, place, nearby, self.seed), nearby) if place else (nearby, None)
+
+    def _induction(self, disturbance: Polynomial, finding: Finding) -> str:
+        """Say whether one degree more adds as many dimensions as there are unknown inputs: the step of Belo's induction."""
+        unknown = len(self.model.unknown_inputs)
+        higher = equations_of(augmented(self.model, disturbance.degree + 1), self.held)
+        added = generic_growth(higher, Surroundings(higher.n, self.seed)).dimension - finding.dimension
+        holds = "holds" if added == unknown else "does not hold"
+        return f"one degree more adds {added} for {unknown} unknown input{'s' * (unknown > 1)}: the induction step {holds}"
+
+    def _worded(self, equations: Equations, finding: Finding) -> Verdict:
+        rank, n, states = finding.rank, len(self.asked.states), self.asked.state_names
+        at = equations.state_at(finding.place).midpoint
+        hidden = hidden_in_words(self.asked, rank.null_space, at)
+        return Verdict(
+            dimension=rank.rank,
+            observable=rank.rank == n,
+            observable_states=tuple(name for name, is_seen in zip(states, rank.seen, strict=True) if is_seen),
+            unobservable_states=tuple(name for name, is_seen in zip(states, rank.seen, strict=True) if not is_seen),
+            null_space=rank.null_space,
+            hidden=hidden if finding.decided else f"not decided, not seen so far: {hidden}",
+            ranks=finding.ranks,
+            disturbance=_disturbance_in_words(self.model, self.disturbance),
+            known_inputs=self.known_inputs,
+            at=at,
+            stopped_by=finding.stopped_by,
+            decided=finding.decided,
+            proof=finding.proof(n),
+        )
 
 
 def _jets(equations: Equations, smooth: bool, around: Surroundings, orders: int | None) -> Finding:
     return jets_finding(equations, smooth, around, cap_of(equations, around), orders=orders)
-
-
-def _induction(higher: Equations, unknown: int, finding: Finding, seed: int) -> str:
-    """Say whether one degree more adds as many dimensions as there are unknown inputs: the step of Belo's induction."""
-    added = generic_growth(higher, Surroundings(higher.n, seed)).dimension - finding.dimension
-    holds = "holds" if added == unknown else "does not hold"
-    return f"one degree more adds {added} for {unknown} unknown input{'s' * (unknown > 1)}: the induction step {holds}"
-
-
-def _verdict(asked: Model, model: Model, finding: Finding, disturbance: Disturbance, known_inputs: KnownInputs) -> Verdict:
-    rank, at, n = finding.rank, finding.place.midpoint, len(asked.states)
-    hidden = hidden_in_words(asked, rank.null_space, at)
-    return Verdict(
-        dimension=rank.rank,
-        observable=rank.rank == n,
-        observable_states=tuple(name for name, is_seen in zip(asked.state_names, rank.seen, strict=True) if is_seen),
-        unobservable_states=tuple(name for name, is_seen in zip(asked.state_names, rank.seen, strict=True) if not is_seen),
-        null_space=rank.null_space,
-        hidden=hidden if finding.decided else f"not decided, not seen so far: {hidden}",
-        ranks=finding.ranks,
-        disturbance=_disturbance_in_words(model, disturbance),
-        known_inputs=known_inputs,
-        at=at,
-        stopped_by=finding.stopped_by,
-        decided=finding.decided,
-        proof=finding.proof(n),
-    )
 
 
 def _disturbance_in_words(model: Model, disturbance: Disturbance) -> str:

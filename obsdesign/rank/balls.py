@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from fractions import Fraction
 
 import casadi as ca
 import flint
-from flint import arb, arb_mat, arb_series, fmpq
+from flint import arb, arb_mat, arb_series
 
 from obsdesign.rank.graph import Arithmetic, NotExactError, require_short
+from obsdesign.rank.numbers import as_ball
 
 PRECISIONS = (256, 512, 1024, 2048, 4096)
 """Working precisions [bits], tried in turn."""
@@ -22,12 +22,6 @@ CONFIRMING = 2048
 """What counts as 0 must be so at this many bits: half of them reach below the smallest double."""
 
 Ball = arb | arb_series
-Number = Fraction | int | arb
-
-
-def as_ball(value: Number) -> arb:
-    """Return the number at the working precision."""
-    return value if isinstance(value, arb) else arb(fmpq(value.numerator, value.denominator))
 
 
 def lead(a: Ball) -> arb:

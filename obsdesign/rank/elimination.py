@@ -11,8 +11,9 @@ import flint
 import numpy as np
 from flint import arb
 
-from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS, Number, as_ball, is_finite
+from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS, is_finite
 from obsdesign.rank.graph import Instruction, NoValueError, evaluate, instructions
+from obsdesign.rank.numbers import Number, as_ball
 
 Rows = list[list[arb]]
 

@@ -6,21 +6,15 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 import casadi as ca
-from flint import arb, nmod, nmod_mat, nmod_poly
+from flint import nmod, nmod_mat, nmod_poly
 
-from obsdesign.rank.balls import IRRATIONAL, Number
+from obsdesign.rank.balls import IRRATIONAL
 from obsdesign.rank.formal import Formal
-from obsdesign.rank.graph import Arithmetic, NotExactError, evaluate, instructions, require_short
+from obsdesign.rank.graph import Arithmetic, evaluate, instructions, require_short
+from obsdesign.rank.numbers import Number, as_residue
 from obsdesign.rank.symbols import PRIME, ROOT_OF_PI, Symbols
 
 _IRRATIONAL = dict(zip(IRRATIONAL, (2 * pow(ROOT_OF_PI, -1, PRIME) % PRIME, ROOT_OF_PI * pow(2, -1, PRIME) % PRIME), strict=True))
-
-
-def as_residue(value: Number) -> nmod:
-    """Return the number modulo the prime; raises ZeroDivisionError where the prime divides its denominator."""
-    if isinstance(value, arb):
-        raise NotExactError(f"{value} is a ball: it has no residue")
-    return nmod(value.numerator, PRIME) / nmod(value.denominator, PRIME)
 
 
 def _constant(value: float) -> nmod:
