@@ -127,7 +127,8 @@ def blocks_of(model: Model, Phi: ca.SX, weighted: bool = True) -> list[ca.SX]:
         seen = ca.jacobian(channel.h, model.x) @ Phi
         # not the root of the weight on both sides: that has no derivative where a gate is closed
         weight = channel.noise.gate / channel.noise.variance if weighted else ca.SX(1)
-        blocks.append(seen.T @ (weight * seen))
+        # one number for all outputs but in joint noise
+        blocks.append(seen.T @ (weight * seen if weight.numel() == 1 else ca.diag(weight) @ seen))
     return blocks
 
 

@@ -75,26 +75,34 @@ def test_one_sample_with_a_constant_error_is_least_squares_with_the_error_as_an_
 @EACH
 @few
 @given(bias=st.floats(0.0, 3.0), inflation=st.floats(0.5, 3.0), correlation=st.floats(0.0, 0.95), steps=st.sampled_from([1, 2, 9]))
-def test_samples_at_rest_add_up_with_the_variance_that_is_written_in_the_sensor(
+def test_samples_at_rest_are_worth_what_the_covariance_of_their_errors_says(
     make: Callable[..., AbstractSensor], bias: float, inflation: float, correlation: float, steps: int
 ):
+    """1'R^-1 1 with R = (inflation sigma)^2 A + bias^2 11'; each alone counts from below with R <= ((1 + c)/(1 - c) s^2 + N b^2) I."""
     system, path = resting(make(bias_floor=bias, inflation=inflation, correlation=correlation), steps)
-    R = (inflation * make().sigma) ** 2 * (1 + correlation) / (1 - correlation) + bias**2
-    expected = steps * one_sample(make()) * make().sigma ** 2 / R
-    np.testing.assert_allclose(od.variational_gramian(system, path).total, expected, rtol=1e-9, atol=1e-15)
+    s2, ones = (inflation * make().sigma) ** 2, np.ones(steps)
+    outputs = one_sample(make()) * make().sigma ** 2  # C'C
+    found = od.variational_gramian(system, path)
+    worth = ones @ np.linalg.solve(s2 * ar1(steps, correlation) + bias**2, ones)
+    np.testing.assert_allclose(found.total, outputs * worth, rtol=1e-9, atol=1e-15)
+    factor = {1: 1.0, 2: 1 + correlation}.get(steps, (1 + correlation) / (1 - correlation))
+    counted = outputs * steps / (factor * s2 + steps * bias**2)
+    np.testing.assert_allclose(found.blocks.sum(axis=(0, 1)), counted, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.parametrize("rate", [None, 0.5], ids=["every step", "every second step"])
 @pytest.mark.parametrize("correlation", [0.0, 0.3, 0.9])
 def test_many_samples_of_a_constant_are_worth_what_the_exact_covariance_of_their_noise_says(correlation: float, rate: float | None):
-    """1'S^-1 1 of the first-order sequence S; what is left of the difference falls as 2 c / (N (1 - c))."""
+    """1'S^-1 1 of the first-order sequence S. N blocks of single samples count N (1 - c)/(1 + c), less by 2 c / (N (1 - c))."""
     sigma, ratios = 0.2, []
     for samples in (20, 200, 2000):
         sensor = od.Magnetometer(sigma, correlation=correlation, rate=rate)
         system, path = resting(sensor, samples if rate is None else 2 * samples)
-        found = od.variational_gramian(system, path).total[2, 2]
+        information = od.variational_gramian(system, path)
+        found = information.blocks.sum(axis=(0, 1))[2, 2]
         ones = np.ones(samples)
         exact = ones @ np.linalg.solve(sigma**2 * ar1(samples, correlation), ones)
+        assert information.total[2, 2] == pytest.approx(exact, rel=1e-9)
         ratios.append(exact / found)
         assert exact / found - 1 == pytest.approx(2 * correlation / (samples * (1 - correlation)), rel=1e-6, abs=1e-9)
     assert ratios[-1] == pytest.approx(1.0, abs=0.01)
@@ -209,15 +217,17 @@ def test_the_path_of_these_tests_passes_through_the_limits():
     assert ((found > 0.2) & (found < 0.8)).any(axis=0).all()
 
 
-def test_a_gramian_is_that_of_plain_sensors_with_each_sample_weighted_by_hand():
+def test_blocks_are_those_of_plain_sensors_with_each_sample_weighted_from_below_by_hand():
+    """Of a sensor with a constant error N b^2 in each of its N samples, and white (S^2 + b^2)(1 - g)/g for those that do not arrive."""
     plain = od.System(SYSTEM.vehicle, (od.GPS(1.0), od.Magnetometer(1.0), od.Range(BEACON, 1.0), od.Bearing(BEACON, 1.0)))
     blocks = od.variational_gramian(plain, PATH).blocks
     r = np.hypot(*(np.array(BEACON) - PATH.x[:-1, :2]).T)
     weights = np.empty((STEPS, 4))
     weights[:, 0] = (np.arange(STEPS) % 4 == 0) / ((1.4 * 2.0) ** 2 * 1.5 / 0.5)
-    weights[:, 1] = (np.arange(STEPS) % 2 == 0) / (0.2**2 + 0.1**2)
+    weights[:, 1] = (np.arange(STEPS) % 2 == 0) / (0.2**2 + 12 * 0.1**2)
     weights[:, 2] = gates(PATH)[:, 0] / ((1.0 + (0.05 * r) ** 2) * 1.2 / 0.8)
-    weights[:, 3] = gates(PATH)[:, 1] / ((1.2 * 0.1) ** 2 + 0.05**2)
+    s2, b2, g = (1.2 * 0.1) ** 2, 0.05**2, gates(PATH)[:, 1]
+    weights[:, 3] = 1 / (s2 + STEPS * b2 + (s2 + b2) * (1 - g) / g)
     expected = blocks * weights[:, :, None, None]
     np.testing.assert_allclose(od.variational_gramian(SYSTEM, PATH).blocks, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
@@ -231,11 +241,13 @@ def test_the_empirical_gramian_tends_to_the_variational_one_at_order_2():
 
 def test_every_way_to_sum_the_information_of_such_sensors_gives_the_same():
     information = od.variational_gramian(SYSTEM, PATH)
-    by_sensor = information.blocks.sum(axis=0)
+    by_sensor = np.array([information.only(name).total for name in information.names])
     size = np.sqrt(np.diag(information.total))
     allowed = np.broadcast_to(1e-9 * np.outer(size, size), by_sensor.shape)
+    np.testing.assert_array_less(np.abs(by_sensor.sum(axis=0) - information.total), allowed[0])
+    np.testing.assert_array_less(np.abs(od.segment_information(SYSTEM, PATH, 6) - information.by_segment(6)).max(axis=0), allowed)
     for values in (
-        od.segment_information(SYSTEM, PATH, 6).sum(axis=0),
+        od.segment_information(SYSTEM, PATH, 1)[0],
         od.sliding_information(SYSTEM, PATH, STEPS)[0],
         od.batch_information(SYSTEM, START[None], INPUTS, STEP)[0],
     ):

@@ -8,6 +8,7 @@ import numpy as np
 
 from obsdesign.checks import require_known, require_positive, whole_multiple
 from obsdesign.errors import InputError
+from obsdesign.information.colour import colour_of
 from obsdesign.moment import Moment
 
 if TYPE_CHECKING:
@@ -100,6 +101,11 @@ def _require_weights(problem: DesignProblem) -> None:
         )
     if not (np.isfinite(weights).all() and (weights >= 0).all()):
         raise InputError(f"weights go from {weights.min():g} to {weights.max():g}: every one must be finite and at least 0")
+    coloured = colour_of(problem.system.model)
+    if coloured is not None and (weights[:, list(coloured.places)] > 1).any():
+        raise InputError(
+            f"weights of {', '.join(coloured.sensors)} go beyond 1: errors that are not independent cannot be weighed, only left out"
+        )
     for what, other in (("a posterior criterion", problem.criterion.knowledge), ("robust", problem.robust)):
         if other is not None:
             raise InputError(f"weights: {what} does not know of weights; use one of the two")

@@ -17,7 +17,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.consistency import require_consistent
 from obsdesign.information.posterior import posterior_information
-from obsdesign.information.totals import batch_information, segment_information
+from obsdesign.information.totals import batch_information, path_information
 from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior
@@ -198,11 +198,8 @@ class DesignProblem:
     def judged(self, path: Trajectory) -> np.ndarray:
         """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""
         known = self.criterion.knowledge
-        if known is None and self.weights is not None:
-            weights = np.asarray(self.weights)
-            return np.einsum("ks,ksij->ij", weights, segment_information(self.system, path, len(weights)))
         if known is None:
-            return segment_information(self.system, path, 1)[0].sum(axis=0)
+            return path_information(self.system, path, None if self.weights is None else np.asarray(self.weights))
         return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-2]
 
     @property

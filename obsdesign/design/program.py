@@ -14,6 +14,8 @@ from obsdesign.design.recursion import gramian_recursion, posterior_recursion
 from obsdesign.design.steering import inputs_of
 from obsdesign.design.values import Multipliers, Rows, Slopes, Values
 from obsdesign.design.variation import Along, Injected, Linear, Variation, carried
+from obsdesign.information.colour import colour_of
+from obsdesign.information.counting import counting
 from obsdesign.information.sampling import sampled
 from obsdesign.model import Model
 from obsdesign.packing import lower_indices, unpacked
@@ -21,18 +23,22 @@ from obsdesign.step import CACHED
 
 
 class Program(AbstractProgram):
-    """The functions of one problem with one duration. Nothing changes after construction."""
+    """The functions of one problem with one duration. Nothing changes after construction.
 
-    def __init__(self, problem: DesignProblem, rows: Rows | None = None) -> None:
+    segments: where errors are not independent, count the amounts that `segment_information` has for so many segments, linear in
+    the weights, instead of all that the samples say together.
+    """
+
+    def __init__(self, problem: DesignProblem, rows: Rows | None = None, segments: int | None = None) -> None:
         self.problem, model = problem, problem.system.model
         self.n, self.m, self.steps = len(model.states), len(model.inputs), problem.steps
         known, step = problem.criterion.knowledge, problem.step
-        self._variation = _variation_of(model, step, known)
+        self._variation = _variation_of(model, step, known, segments is not None)
         self._due = sampled(problem.system, self.steps, step).astype(float)
+        self._sensors, aside = self._due.shape[1], _beside(model, self._due, known, segments)
         if problem.weights is not None:
             self._due = self.due(np.asarray(problem.weights))
-        if known is not None:
-            self._due = np.column_stack([self._due, np.arange(self.steps) == self.steps - 1])
+        self._due = np.hstack([self._due, *aside])
         self.lower, self.upper = problem.path.box(problem.grid)
         self._inputs = inputs_of(problem.path, problem.grid)
         costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
@@ -60,7 +66,8 @@ class Program(AbstractProgram):
 
     def due(self, weights: np.ndarray) -> np.ndarray:
         """Return how much each sensor's sample counts at each step (N, S) for weights (K, S) of K equal groups of steps."""
-        return self._due * np.repeat(weights, self.steps // len(weights), axis=0)
+        each, S = np.repeat(weights, self.steps // len(weights), axis=0), self._sensors
+        return np.hstack([self._due[:, :S] * each, self._due[:, S:]]) if self._due.shape[1] > S else self._due * each
 
     # ---------------------------------------------------------------- values
 
@@ -176,8 +183,10 @@ class Program(AbstractProgram):
 
     def mixed(self, values: Values, slopes: Slopes, Z: np.ndarray) -> np.ndarray:
         """Return -d2 <Z, S W S> / dp d due (N, S, q) along the path itself, Z (n, n)."""
-        along, sensors = values.along, self._due.shape[1]
-        each = np.eye(sensors)[:, None, :] * np.broadcast_to((self._due != 0).astype(float), (sensors, *self._due.shape))
+        along, sensors = values.along, self._sensors
+        own, aside = (self._due[:, :sensors] != 0).astype(float), self._due[:, sensors:]
+        each = np.eye(sensors)[:, None, :] * np.broadcast_to(own, (sensors, *own.shape))
+        each = np.concatenate([each, np.broadcast_to(aside, (sensors, *aside.shape))], axis=2)
         same = Along(np.repeat(along.z[:1], sensors, axis=0), np.repeat(along.u[:1], sensors, axis=0), each)
         D = np.einsum("b,skbc->skc", self._weights(Z[None])[0], self._variation.linear(same).D)
         return np.einsum("skc,kcq->ksq", D, slopes.G[0, :-1])
@@ -260,7 +269,20 @@ def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.nd
     return Y + Y.T
 
 
+def _beside(model: Model, due: np.ndarray, known: Knowledge | None, segments: int | None) -> list[np.ndarray]:
+    """Return what the recursion is told of each step (N, .) beside how much each sensor's sample counts."""
+    if known is not None:
+        return [(np.arange(len(due)) == len(due) - 1).astype(float)[:, None]]
+    colour = colour_of(model)
+    if colour is None:
+        return []
+    if segments is None:
+        return [due]
+    firsts = np.arange(0, len(due), len(due) // segments)
+    return [due, *counting(colour, due[:, colour.sensor_of] > 0, firsts).rows(firsts)]
+
+
 @lru_cache(CACHED)
-def _variation_of(model: Model, step: float, known: Knowledge | None) -> Variation:
-    recursion = gramian_recursion(model, step) if known is None else posterior_recursion(model, step, known)
+def _variation_of(model: Model, step: float, known: Knowledge | None, counted: bool) -> Variation:
+    recursion = gramian_recursion(model, step, counted) if known is None else posterior_recursion(model, step, known)
     return Variation(recursion, len(model.states))

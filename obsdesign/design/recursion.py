@@ -9,6 +9,8 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
+from obsdesign.information.colour import colour_of
+from obsdesign.information.instant import instant_of
 from obsdesign.information.lasting import Errors, sampled_with
 from obsdesign.information.posterior import noise_factor
 from obsdesign.model import Model
@@ -36,9 +38,19 @@ class Recursion:
 
 
 @lru_cache(CACHED)
-def gramian_recursion(model: Model, step: float) -> Recursion:
-    """Carry Phi; gain = sum over sensors of due_s Phi' C_s' R_s^-1 C_s Phi."""
+def gramian_recursion(model: Model, step: float, counted: bool = False) -> Recursion:
+    """Carry Phi; gain = sum over sensors of due_s Phi' C_s' R_s^-1 C_s Phi.
+
+    Where errors are not independent, carry what is remembered of them as well: gains are what samples add to those before them, due
+    is (share, due) (2 S,); counted: amounts from below for stretches, due is (share, due, fresh, factor, spread), see `Instant`.
+    """
     one, shape = step_of(model, step).without_disturbance(), sensitivity_of(model, step)
+    if colour_of(model) is not None:
+        found = instant_of(model, shape.Phi, masked=True, counted=counted)
+        gain = sum(found.blocks, ca.SX(*shape.Phi.shape))
+        z, z_next = ca.vertcat(one.x, shape.free, found.carry), ca.vertcat(one.x_next, shape.next, found.carry_next)
+        due = ca.vertcat(found.taken[1], found.taken[0], *found.taken[2:])
+        return Recursion(z, one.u, due, z_next, packed(ca.densify(gain)), np.concatenate([shape.start, found.start]))
     due = ca.SX.sym("due", len(model.channels))
     blocks = blocks_of(model, shape.Phi)
     gain = sum((due[s] * block for s, block in enumerate(blocks)), ca.SX(*shape.Phi.shape))

@@ -12,7 +12,6 @@ from obsdesign.checks import require_positive
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_sensors, variational_gramian
-from obsdesign.information.sampling import sampled
 from obsdesign.information.totals import Walk, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
@@ -51,20 +50,21 @@ def information_gradient(
 ) -> tuple[float, np.ndarray]:
     """Return criterion(S W S) and its gradient (N, m) with respect to the inputs u (N, m), the unknown ones w (N, p) given.
 
-    The adjoint of the walk (x, Phi, W): with Z the criterion's slope, d value = <Z, dW>, x and Phi are carried back from
-    the last step to the first. Where eigenvalues coincide the slope of lambda_min is one of its supergradients.
+    The adjoint of the walk (x, Phi, W): with Z the criterion's slope, d value = <Z, dW>, x and Phi (and what is remembered of
+    errors that are not independent) are carried back from the last step to the first. Where eigenvalues coincide the slope of
+    lambda_min is one of its supergradients.
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
     start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
-    walk, carry, carries, due = _walked(system, start, known, unknown, dt, carries=True)
+    walk, carry, carries, taken = _walked(system, start, known, unknown, dt, carries=True)
     W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
     value = criterion.value(W)
     if not np.isfinite(value):
         raise InputError(f"{type(criterion).__name__} is {value} along this path: it has no gradient there")
     Z = criterion.slope(W) * S[:, None] * S
-    moving = len(start) + len(walk.shape.start)
+    moving = len(start) + len(walk.start)
     before = np.concatenate([walk.first(start[None]), carries[:-1]])[:, :moving]
-    reversed_rows = [row[::-1] for row in (before, side_by_side(known, unknown), *due)]
+    reversed_rows = [row[::-1] for row in (before, side_by_side(known, unknown), *taken)]
     rows = [*reversed_rows, Z.ravel()]
     adjoint = _back(system.model, dt).run(np.zeros((1, moving)), rows, len(before), carries=False)
     return value, adjoint.results[0][0, ::-1].copy()
@@ -85,19 +85,19 @@ def _walked(
 ) -> tuple[Walk, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Return the walk, its last carry (1, c), the carries (N, c) if wanted, and who samples."""
     walk = walk_of(system.model, dt)
-    due = [sampled(system, len(u), dt).astype(float)] if walk.masked else []
-    run = walk.scan.run(walk.first(start[None]), [u, w, *due], len(u), carries=carries)
+    taken = walk.taken(system, len(u), dt)
+    run = walk.scan.run(walk.first(start[None]), [u, w, *taken], len(u), carries=carries)
     if not np.isfinite(run.carry).all():
         variational_gramian(system, simulate(system, start, u, dt, w))  # says what is wrong, and where
-    return walk, run.carry, run.carries[0], due
+    return walk, run.carry, run.carries[0], taken
 
 
 @lru_cache(CACHED)
 def _back(model: Model, dt: float) -> Scan:
-    """(adjoint of x, of Phi) at t_k+1 -> at t_k; rows (x, Phi)_k, (u, w)_k, who samples, Z; result: the gradient (m,) to u_k."""
+    """(adjoint of x, of the carry) at t_k+1 -> at t_k; rows (x, carry)_k, (u, w)_k, who samples, Z; result: the gradient (m,) to u_k."""
     one, n = stepped(model, dt), len(model.states)
-    state, state_next = ca.vertcat(one.x, one.Phi), ca.vertcat(one.x_next, one.Phi_next)
+    state, state_next = ca.vertcat(one.x, one.carry), ca.vertcat(one.x_next, one.carry_next)
     Z, later = ca.SX.sym("Z", n * n), ca.SX.sym("adjoint", state.numel())
     potential = ca.dot(ca.reshape(Z, n, n), sum(one.blocks, ca.SX(n, n))) + ca.dot(later, state_next)
     slopes = ca.gradient(potential, ca.vertcat(state, one.u))
-    return Scan(later, [state, one.held, *one.due, Z], slopes[: state.numel()], [slopes[state.numel() :]])
+    return Scan(later, [state, one.held, *one.taken, Z], slopes[: state.numel()], [slopes[state.numel() :]])

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache, partial
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import all_finite, as_array
 from obsdesign.errors import InputError
-from obsdesign.information.record import Information
-from obsdesign.information.sampling import sampled_only, with_derivatives
+from obsdesign.information.colour import colour_of, require_coloured
+from obsdesign.information.record import Information, with_samples
+from obsdesign.information.samples import Samples
+from obsdesign.information.sampling import sampled_only, samples_of, with_derivatives
+from obsdesign.information.whitening import seen_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.simulation import held_along, readings, states_from
@@ -33,11 +38,26 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     """
     require_fit(system, path)
     if weighted:
+        if colour_of(system.model) is not None:
+            return _coloured_gramian(system, path)
         Phi, blocks = _sensitivities(system, path.x[:-1], held_along(system, path), path.step, True)
         blocks, end = sampled_only(blocks, system, path.step), Phi[-1]
     else:
         blocks, end = _integrated(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
     return Information(with_derivatives(blocks, system, path), system.model.sensor_names, end)
+
+
+def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:
+    """The same with the samples of the sensors whose errors are not independent."""
+    model, n = system.model, path.x.shape[1]
+    shape, colour = sensitivity_along(model, path.step), require_coloured(model)
+    rows = [path.x[:-1], held_along(system, path)]
+    run = _transported_rows(model, path.step).run(shape.start[None], rows, path.steps, carries=False)
+    blocks = sampled_only(run.results[0].reshape(path.steps, -1, n, n), system, path.step)
+    blocks = with_derivatives(blocks, system, path)
+    seen = [values[0] for values in run.results[1:]]
+    samples = samples_of(system, colour, seen[0].reshape(path.steps, colour.q, n), seen[1], seen[2], path.step)
+    return with_samples(blocks, model.sensor_names, shape.full(run.carry)[-1], samples)
 
 
 def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
@@ -56,7 +76,8 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
         blocks = sampled_only(sampler(path.x[:-1], held_along(system, path), path.step, True), system, path.step)
     else:
         blocks = _integrated(system, path, sampler)
-    return Information(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition)
+    samples = None if reference.samples is None else _difference_rows(system, size, path, reference.samples)
+    return with_samples(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition, samples)
 
 
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
@@ -103,6 +124,15 @@ def transported(model: Model, step: float, weighted: bool) -> Scan:
     return Scan(shape.free, [one.x, one.held], shape.next, [dense_blocks(blocks_of(model, shape.Phi, weighted))])
 
 
+@lru_cache(CACHED)
+def _transported_rows(model: Model, step: float) -> Scan:
+    """The same with the rows (q n), level (q,) and gate (q,) of the outputs whose errors are not independent."""
+    one, shape = step_of(model, step), sensitivity_along(model, step)
+    seen = seen_of(model, require_coloured(model), shape.Phi)
+    results = [dense_blocks(blocks_of(model, shape.Phi)), ca.vec(ca.densify(seen.rows).T), seen.level, seen.gate]
+    return Scan(shape.free, [one.x, one.held], shape.next, results)
+
+
 def _sensitivities(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, weighted: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi (1, n, n) after the last step, and blocks (N, S, n, n)."""
     shape, n = sensitivity_along(system.model, step), x.shape[1]
@@ -132,17 +162,30 @@ def _difference_samples(
     system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, step: float, weighted: bool
 ) -> np.ndarray:
     """Central differences over 2 n paths; the weights are those of the path itself."""
-    model, n, (u, w) = system.model, x.shape[1], _apart(system, held)
-    starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
-    states = states_from(system, starts, u, step, w, kicks=defects(system, x, held, step))[:, :-1]
-    y = readings(system, states).y
-    Y = wrap_columns(y[:n] - y[n:], np.array([signal.is_angle for signal in model.outputs])) / (2 * eps[:, None, None])
+    model, Y = system.model, _differences(system, eps, x, held, step)
     if weighted:
         along = readings(system, x[None])
         Y *= np.sqrt(along.gate[0] / along.variance[0])
     owner = np.array(model.output_owner)
     each = [np.einsum("ikq,jkq->kij", Y[..., owner == s], Y[..., owner == s]) for s in range(len(model.channels))]
     return np.stack(each, axis=1)
+
+
+def _differences(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:
+    """Return dy/dx(t_0) (n, N, q) as differences over 2 n paths."""
+    n, (u, w) = x.shape[1], _apart(system, held)
+    starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
+    states = states_from(system, starts, u, step, w, kicks=defects(system, x, held, step))[:, :-1]
+    y = readings(system, states).y
+    angles = np.array([signal.is_angle for signal in system.model.outputs])
+    return wrap_columns(y[:n] - y[n:], angles) / (2 * eps[:, None, None])
+
+
+def _difference_rows(system: AbstractSystem, eps: np.ndarray, path: Trajectory, exact: Samples) -> Samples:
+    """The samples of coloured outputs with differences for derivatives."""
+    Y = _differences(system, eps, path.x[:-1], held_along(system, path), path.step)
+    kept = [j for s in exact.colour.places for j, owner in enumerate(system.model.output_owner) if owner == s]
+    return replace(exact, rows=np.moveaxis(Y[..., kept], 0, 2) * exact.level[..., None])
 
 
 def defects(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_divisor
+from obsdesign.checks import as_array, require_divisor
 from obsdesign.errors import InputError
+from obsdesign.information.samples import Samples
 from obsdesign.round_off import standard_deviations
 
 
@@ -15,13 +17,17 @@ from obsdesign.round_off import standard_deviations
 class Information:
     """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.
 
-    Weighted blocks are Fisher information, in 1/(unit_i unit_j). Information adds up over steps and sensors.
+    Weighted blocks are Fisher information, in 1/(unit_i unit_j). Where the errors of samples are independent, information adds up
+    over steps and sensors, and so do the blocks. The samples of sensors whose errors are not (correlated in time, constant, joint)
+    are in `samples` as well: `total`, `std`, `final` and `under` are exact for them, their blocks and those of `by_segment` are
+    amounts from below: whichever of them are added up are no more than what those samples say together.
     transition (n, n): Phi = dx(t_N)/dx(t_0), which carries information to the end of the path; None = not known.
     """
 
     blocks: np.ndarray
     names: tuple[str, ...]
     transition: np.ndarray | None = None
+    samples: Samples | None = None
 
     def __post_init__(self) -> None:
         blocks = np.asarray(self.blocks, dtype=float)
@@ -34,9 +40,28 @@ class Information:
 
     @property
     def total(self) -> np.ndarray:
-        """W (n, n) = sum of all blocks."""
+        """W (n, n) = A' R^-1 A of all samples, R the covariance of their errors: the sum of all blocks where those are independent."""
         n = self.blocks.shape[2]
-        return self.blocks.reshape(-1, n * n).sum(axis=0).reshape(n, n)
+        if self.samples is None:
+            return self.blocks.reshape(-1, n * n).sum(axis=0).reshape(n, n)
+        return self.blocks[:, self._white].sum(axis=(0, 1)) + self.samples.information()
+
+    def under(self, active: ArrayLike) -> np.ndarray:
+        """W (n, n) of the samples of the sensors that are on, active (N, S): true or false, or the share of the samples that count."""
+        share = as_array("active", active)
+        if share.shape != self.blocks.shape[:2] or not ((share >= 0) & (share <= 1)).all():
+            raise InputError(f"active has shape {share.shape}: must be {self.blocks.shape[:2]}, every entry from 0 to 1")
+        if self.samples is None:
+            return np.einsum("ks,ksij->ij", share, self.blocks)
+        white = np.einsum("ks,ksij->ij", share[:, self._white], self.blocks[:, self._white])
+        return white + self.samples.information(share[:, list(self.samples.colour.places)])
+
+    def along(self, v: np.ndarray) -> np.ndarray:
+        """Return (N, S) >= 0, summing to v'W v: what each sample says beyond those before it and, in joint noise, beside it."""
+        each = np.einsum("i,ksij,j->ks", v, self.blocks, v)
+        if self.samples is not None:
+            each[:, list(self.samples.colour.places)] = self.samples.along(v)
+        return each
 
     @property
     def std(self) -> np.ndarray:
@@ -55,20 +80,45 @@ class Information:
     def then(self, later: Information) -> Information:
         """Return the information of this path followed by another, about the start of this one: blocks Phi' W_k Phi.
 
+        Errors go on: constants stay what they are, and the first sample of the later path is to the last one of this path as the
+        next sample of that sensor.
+
         Raises InputError unless both are about the same sensors and states and this one's transition is known.
         """
         Phi = self._carried()
         if later.names != self.names or later.blocks.shape[2] != len(Phi):
             raise InputError(f"information of {', '.join(later.names)} does not follow that of {', '.join(self.names)}: another system")
+        if (self.samples and self.samples.colour) != (later.samples and later.samples.colour):
+            raise InputError("information of other noise does not follow: both need the same correlation, constant and joint errors")
         blocks = np.concatenate([self.blocks, Phi.T @ later.blocks @ Phi])
-        return Information(blocks, self.names, None if later.transition is None else later.transition @ Phi)
+        samples = None if self.samples is None or later.samples is None else self.samples.then(later.samples, Phi)
+        return with_samples(blocks, self.names, None if later.transition is None else later.transition @ Phi, samples)
 
     def by_segment(self, segments: int) -> np.ndarray:
-        """Return (K, S, n, n): the blocks of K equal groups of steps, summed. K must divide N."""
+        """Return (K, S, n, n): what counts for each sensor in each of K equal groups of steps. K must divide N.
+
+        The blocks summed; where errors are not independent, amounts from below for every schedule, `under` the exact value.
+        """
         steps = len(self.blocks)
         require_divisor("segments", segments, "steps", steps)
-        shape = (segments, steps // segments, *self.blocks.shape[1:])
-        return self.blocks.reshape(shape).sum(axis=1)
+        return self.by_stretch(np.arange(0, steps, steps // segments))
+
+    def by_stretch(self, firsts: np.ndarray) -> np.ndarray:
+        """Return the same (K, S, n, n) for stretches that begin at steps `firsts` (K,), the first at 0."""
+        steps, K = len(self.blocks), len(firsts)
+        if steps % K == 0 and np.array_equal(firsts, np.arange(0, steps, steps // K)):
+            summed = self.blocks.reshape(K, steps // K, *self.blocks.shape[1:]).sum(axis=1)
+        else:
+            summed = np.add.reduceat(self.blocks, firsts, axis=0)
+        if self.samples is not None:
+            summed[:, list(self.samples.colour.places)] = self.samples.amounts(firsts)
+        return summed
+
+    @property
+    def _white(self) -> list[int]:
+        """Places of the sensors whose errors are independent."""
+        coloured = () if self.samples is None else self.samples.colour.places
+        return [s for s in range(len(self.names)) if s not in coloured]
 
     def _carried(self) -> np.ndarray:
         if self.transition is None:
@@ -80,4 +130,15 @@ class Information:
         unknown = [name for name in sensors if name not in self.names]
         if unknown:
             raise InputError(f"no sensor {unknown[0]!r} (there are {', '.join(self.names)})")
-        return Information(self.blocks[:, [self.names.index(name) for name in sensors]], sensors, self.transition)
+        places = [self.names.index(name) for name in sensors]
+        samples = None if self.samples is None else self.samples.only(places)
+        return with_samples(self.blocks[:, places], sensors, self.transition, samples)
+
+
+def with_samples(blocks: np.ndarray, names: tuple[str, ...], transition: np.ndarray | None, samples: Samples | None) -> Information:
+    """Return information whose blocks of coloured sensors are the amounts that each single sample may be counted for."""
+    if samples is not None:
+        blocks = blocks.copy()
+        blocks[:, list(samples.colour.places)] = samples.amounts(np.arange(len(blocks)))
+        blocks.setflags(write=False)
+    return Information(blocks, names, transition, samples)

@@ -8,6 +8,8 @@ import numpy as np
 
 from obsdesign.checks import all_finite
 from obsdesign.errors import InputError
+from obsdesign.information.colour import Colour
+from obsdesign.information.samples import Samples
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, blocks_of, dense_blocks, steps_per_sample
@@ -25,6 +27,12 @@ def sampled_only(blocks: np.ndarray, system: AbstractSystem, step: float) -> np.
     if any(period > 1 for period in steps_per_sample(system.model, step)):
         blocks[~sampled(system, len(blocks), step)] = 0.0
     return blocks
+
+
+def samples_of(system: AbstractSystem, colour: Colour, rows: np.ndarray, level: np.ndarray, gate: np.ndarray, step: float) -> Samples:
+    """Return the samples of coloured outputs, rows (N, q, n), level and gate (N, q), 0 where there is none."""
+    due = sampled(system, len(rows), step)[:, colour.sensor_of]
+    return Samples(colour, np.where(due[..., None], rows, 0.0), np.where(due, level, 0.0), np.where(due, gate, 0.0), due)
 
 
 def with_derivatives(blocks: np.ndarray, system: AbstractSystem, path: Trajectory) -> np.ndarray:

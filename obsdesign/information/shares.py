@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.checks import require_divisor
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
 from obsdesign.model import AbstractSystem
@@ -57,7 +59,9 @@ def contributions(
     """Return who says what about x(t_0), over K equal segments (None = every step); scale (n,): units of the weakest direction.
 
     What is known of state i is 1/(W^-1)_ii = v'W v, v = W^-1 e_i / (W^-1)_ii: a sum over blocks, v'W_ks v >= 0 each. It is also
-    how much the knowledge would grow with the weight of that block. Raises InputError for segments that do not divide the steps.
+    how much the knowledge would grow with the weight of that block. Where errors are not independent, a sample is credited with what
+    it says beyond those before it (and, in joint noise, beside it): the sum is the exact one.
+    Raises InputError for segments that do not divide the steps.
     """
     states = system.model.states
     if information.blocks.shape[1:3] != (len(system.model.channels), len(states)):
@@ -65,13 +69,14 @@ def contributions(
             f"information {information.blocks.shape} is not of this system: {len(system.model.channels)} sensors, {len(states)} states"
         )
     S = as_scale(system, scale)
-    blocks = information.by_segment(len(information.blocks) if segments is None else segments)
-    W = blocks.sum(axis=(0, 1))
+    said = _Said(information, len(information.blocks) if segments is None else segments)
+    require_divisor("segments", said.segments, "steps", len(information.blocks))
+    W = said.total
     std = standard_deviations(W)
-    shares = np.stack([_shares(blocks, v) for v in _profiles(W, std)])
+    shares = np.stack([_shares(said, v) for v in _profiles(W, std)])
     values, vectors = np.linalg.eigh(W * S[:, None] * S)
     seen = values[0] > len(W) * np.finfo(float).eps * values[-1]
-    weakest = _shares(blocks, S * vectors[:, 0]) if seen else np.full(blocks.shape[:2], np.nan)
+    weakest = _shares(said, S * vectors[:, 0]) if seen else np.full(said.blocks.shape[:2], np.nan)
     return Contributions(states, information.names, std, shares, vectors[:, 0], float(values[0]) if seen else 0.0, weakest)
 
 
@@ -86,8 +91,33 @@ def _profiles(W: np.ndarray, std: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _shares(blocks: np.ndarray, v: np.ndarray) -> np.ndarray:
-    each = np.einsum("i,ksij,j->ks", v, blocks, v)
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """Information of K equal segments."""
+
+    information: Information
+    segments: int
+
+    @cached_property
+    def blocks(self) -> np.ndarray:
+        """(K, S, n, n)."""
+        return self.information.by_segment(self.segments)
+
+    @cached_property
+    def total(self) -> np.ndarray:
+        """W (n, n)."""
+        return self.blocks.sum(axis=(0, 1)) if self.information.samples is None else self.information.total
+
+    def along(self, v: np.ndarray) -> np.ndarray:
+        """Return (K, S), summing to v'W v."""
+        if self.information.samples is None:
+            return np.einsum("i,ksij,j->ks", v, self.blocks, v)
+        each = self.information.along(v)
+        return each.reshape(self.segments, -1, each.shape[1]).sum(axis=1)
+
+
+def _shares(said: _Said, v: np.ndarray) -> np.ndarray:
+    each = said.along(v)
     total = each.sum()
     return np.maximum(each, 0.0) / total if total > 0 else np.full(each.shape, np.nan)
 

@@ -13,13 +13,16 @@ from numpy.typing import ArrayLike
 
 from obsdesign.checks import as_array, require_divisor, require_positive
 from obsdesign.errors import InputError
+from obsdesign.information.colour import Colour, colour_of
+from obsdesign.information.counting import counting
 from obsdesign.information.gramian import require_fit, require_sensors, variational_gramian
+from obsdesign.information.instant import instant_of
 from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.packing import Packing, packing_of
 from obsdesign.scan import Scan
 from obsdesign.simulation import held_along, simulate
-from obsdesign.step import CACHED, Sensitivity, blocks_of, sensitivity_along, step_of, steps_per_sample
+from obsdesign.step import CACHED, sensitivity_along, step_of, steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 _CHUNK = 500  # paths per task: fixed, so that the answer does not depend on the number of workers
@@ -27,17 +30,33 @@ _CHUNK = 500  # paths per task: fixed, so that the answer does not depend on the
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """(x, Phi, W) -> one step later, W the packed sums over the samples of each sensor; rows u, w and, if masked, who samples."""
+    """(x, Phi, errors, W) -> one step later, W the packed sums over the samples of each sensor; rows u, w and those of `taken`.
+
+    start: of Phi and of what is remembered of errors that are not independent, at the beginning of a path; see `Stepped`.
+    """
 
     scan: Scan
-    shape: Sensitivity
+    start: np.ndarray
     packing: Packing
     masked: bool
+    colour: Colour | None
 
     def first(self, x: np.ndarray) -> np.ndarray:
         """Return the carry (M, c) at starts x (M, n)."""
-        rest = np.concatenate([self.shape.start, np.zeros(len(self.packing.rows))])
+        rest = np.concatenate([self.start, np.zeros(len(self.packing.rows))])
         return np.hstack([x, np.tile(rest, (len(x), 1))])
+
+    def taken(self, system: AbstractSystem, steps: int, step: float, share: np.ndarray | None = None) -> list[np.ndarray]:
+        """Return the rows that say which samples there are: none where every sensor has one at every step.
+
+        share (N, S): which of them count, where errors are not independent; None = all.
+        """
+        if not self.masked:
+            return []
+        due = sampled(system, steps, step).astype(float)
+        if self.colour is None:
+            return [due]
+        return [due, np.ones_like(due) if share is None else share]
 
     def sums(self, carry: np.ndarray) -> np.ndarray:
         """Return W (M, S, n, n) of carries (M, c)."""
@@ -46,47 +65,51 @@ class Walk:
 
 @dataclass(frozen=True, eq=False)
 class Stepped:
-    """One step as SX: state (x, Phi's free entries), inputs u, w and both, `due` (S,) or nothing, and the blocks that are sampled."""
+    """One step as SX: state x, carry (Phi's free entries, and what is remembered of errors that are not independent), inputs u, w and
+    both, `taken` = who samples, and the blocks that are sampled, as `Instant` has them; start: of the carry.
+    """
 
     x: ca.SX
-    Phi: ca.SX
+    carry: ca.SX
     u: ca.SX
     w: ca.SX
     held: ca.SX
-    due: list[ca.SX]
+    taken: list[ca.SX]
     x_next: ca.SX
-    Phi_next: ca.SX
+    carry_next: ca.SX
     blocks: list[ca.SX]
+    start: np.ndarray
 
 
 @lru_cache(CACHED)
-def stepped(model: Model, step: float) -> Stepped:
-    """Return one step with its samples; `due` is there only if a sensor is slower than the steps."""
+def stepped(model: Model, step: float, counted: bool = False) -> Stepped:
+    """Return one step with its samples: the blocks of independent errors, or what each sensor adds to the samples before and beside.
+
+    counted: amounts from below instead of the latter, of each sensor alone.
+    """
     one, shape = step_of(model, step), sensitivity_along(model, step)
-    blocks, due = blocks_of(model, shape.Phi), []
-    if any(period > 1 for period in steps_per_sample(model, step)):
-        due = [ca.SX.sym("due", len(blocks))]
-        # not a product: where a sensor has no derivative and no sample, nothing is lost
-        blocks = [ca.if_else(due[0][s], block, ca.SX(*block.shape)) for s, block in enumerate(blocks)]
-    return Stepped(one.x, shape.free, one.u, one.w, one.held, due, one.x_next, shape.next, blocks)
+    found = instant_of(model, shape.Phi, any(period > 1 for period in steps_per_sample(model, step)), counted)
+    carry, carry_next = ca.vertcat(shape.free, found.carry), ca.vertcat(shape.next, found.carry_next)
+    start = np.concatenate([shape.start, found.start])
+    return Stepped(one.x, carry, one.u, one.w, one.held, found.taken, one.x_next, carry_next, found.blocks, start)
 
 
 @lru_cache(CACHED)
 def walk_of(model: Model, step: float) -> Walk:
     """Return the walk that simulates as it sums."""
-    one, shape = stepped(model, step), sensitivity_along(model, step)
+    one = stepped(model, step)
     packing, sums, sums_next = _summed(one)
-    carry_next = ca.vertcat(one.x_next, one.Phi_next, sums_next)
-    return Walk(Scan(ca.vertcat(one.x, one.Phi, sums), [one.u, one.w, *one.due], carry_next), shape, packing, bool(one.due))
+    scan = Scan(ca.vertcat(one.x, one.carry, sums), [one.u, one.w, *one.taken], ca.vertcat(one.x_next, one.carry_next, sums_next))
+    return Walk(scan, one.start, packing, bool(one.taken), colour_of(model))
 
 
 @lru_cache(CACHED)
-def _along(model: Model, step: float) -> Walk:
-    """The same along given states: (Phi, W), rows x, (u, w) and, if masked, who samples."""
-    one, shape = stepped(model, step), sensitivity_along(model, step)
+def walk_along(model: Model, step: float, counted: bool = False) -> Walk:
+    """The same along given states: (Phi, errors, W), rows x, (u, w) and who samples."""
+    one = stepped(model, step, counted)
     packing, sums, sums_next = _summed(one)
-    scan = Scan(ca.vertcat(one.Phi, sums), [one.x, one.held, *one.due], ca.vertcat(one.Phi_next, sums_next))
-    return Walk(scan, shape, packing, bool(one.due))
+    scan = Scan(ca.vertcat(one.carry, sums), [one.x, one.held, *one.taken], ca.vertcat(one.carry_next, sums_next))
+    return Walk(scan, one.start, packing, bool(one.taken), colour_of(model))
 
 
 def _summed(one: Stepped) -> tuple[Packing, ca.SX, ca.SX]:
@@ -98,26 +121,49 @@ def _summed(one: Stepped) -> tuple[Packing, ca.SX, ca.SX]:
 def segment_information(system: AbstractSystem, path: Trajectory, segments: int) -> np.ndarray:
     """Return (K, S, n, n): what `variational_gramian(system, path).by_segment(K)` is, in memory that does not grow with the steps.
 
-    Block [k, s] is the information about x(t_0) of the samples of sensor s in the k-th of K equal groups of steps.
+    Block [k, s] is the information about x(t_0) of the samples of sensor s in the k-th of K equal groups of steps; of sensors whose
+    errors are not independent an amount from below for every schedule, `path_information` the exact value.
     Raises InputError as variational_gramian, and unless K divides the number of steps.
     """
     require_fit(system, path)
     require_divisor("segments", segments, "steps", path.steps)
-    walk, length, rows = _along(system.model, path.step), path.steps // segments, (path.x, held_along(system, path))
-    Phi, sums = walk.shape.start, []
+    walk, length = walk_along(system.model, path.step, counted=colour_of(system.model) is not None), path.steps // segments
+    rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step)]
+    if walk.colour is not None:
+        firsts = np.arange(0, path.steps, length)
+        rows += counting(walk.colour, rows[2][:, walk.colour.sensor_of] > 0, firsts).rows(firsts)
+    return walk.packing.full(np.array(_stretches(walk, system, path, rows, length)))
+
+
+def path_information(system: AbstractSystem, path: Trajectory, weights: np.ndarray | None = None) -> np.ndarray:
+    """Return W (n, n), what all samples along a path say about x(t_0), in memory that does not grow with the steps.
+
+    weights (K, S): how much the samples of each sensor count in each of K equal groups of steps, None = all of them, once; where
+    errors are not independent the share of them that arrives, 0 to 1.
+    Raises InputError as variational_gramian.
+    """
+    if colour_of(system.model) is None:
+        if weights is None:
+            return segment_information(system, path, 1)[0].sum(axis=0)
+        return np.einsum("ks,ksij->ij", weights, segment_information(system, path, len(weights)))
+    require_fit(system, path)
+    walk = walk_along(system.model, path.step)
+    share = None if weights is None else np.repeat(weights, path.steps // len(weights), axis=0)
+    rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step, share)]
+    return walk.packing.full(np.array(_stretches(walk, system, path, rows, path.steps)))[0].sum(axis=0)
+
+
+def _stretches(walk: Walk, system: AbstractSystem, path: Trajectory, rows: list[np.ndarray], length: int) -> list[np.ndarray]:
+    """Return the packed sums of each stretch of so many steps."""
+    moved, sums = walk.start, []
     for first in range(0, path.steps, length):
         part = [values[first : first + length] for values in rows]
-        carry = np.concatenate([Phi, np.zeros(len(walk.packing.rows))])
-        carry = walk.scan.last(carry, *part, *_due(walk, system, length, path.step, first))
+        carry = walk.scan.last(np.concatenate([moved, np.zeros(len(walk.packing.rows))]), *part)
         if not np.isfinite(carry).all():
             variational_gramian(system, path.part(0, first + length))
-        sums.append(carry[len(Phi) :])
-        Phi = carry[: len(Phi)]
-    return walk.packing.full(np.array(sums))
-
-
-def _due(walk: Walk, system: AbstractSystem, steps: int, step: float, first: int = 0) -> list[np.ndarray]:
-    return [sampled(system, steps, step, first).astype(float)] if walk.masked else []
+        sums.append(carry[len(moved) :])
+        moved = carry[: len(moved)]
+    return sums
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +242,7 @@ def _require_shapes(system: AbstractSystem, points: np.ndarray, u: np.ndarray, w
 def _totals(task: _Task) -> np.ndarray:
     walk, steps = walk_of(task.system.model, task.dt), task.u.shape[-2]
     idle = np.zeros(len(task.system.model.unknown_inputs))
-    rows = [task.u, idle if task.w is None else task.w, *_due(walk, task.system, steps, task.dt)]
+    rows = [task.u, idle if task.w is None else task.w, *walk.taken(task.system, steps, task.dt)]
     carry = walk.scan.run(walk.first(task.starts), rows, steps, carries=False).carry
     if not np.isfinite(carry).all():
         _refuse(task, int(np.argwhere(~np.isfinite(carry))[0, 0]))

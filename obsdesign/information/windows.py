@@ -9,24 +9,31 @@ import numpy as np
 
 from obsdesign.checks import all_finite, require_count
 from obsdesign.errors import InputError
+from obsdesign.information.colour import colour_of
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.sampling import sampled_only, with_derivatives
+from obsdesign.information.totals import walk_along
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.simulation import held_along
 from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
 from obsdesign.trajectory import Trajectory
 
+_ENTRIES = 1 << 20  # numbers of the rows that are walked at once
+
 
 def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
     """Return (N - window + 1, S, n, n): what the samples at t_k .. t_(k + window - 1) of sensor s say about x(t_k).
 
     Of two stretches, one after the other, (F, W) and (F', W'), the whole is (F' F, W + F'W'F): stretches of 1, 2, 4, ...
-    steps are built for all k at once, so that the work grows as N log(window), and nothing is inverted.
+    steps are built for all k at once, so that the work grows as N log(window), and nothing is inverted. Where errors are not
+    independent, each window is walked through by itself: a window knows nothing of the errors before it.
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)
     require_count("window", window, least=1, most=path.steps)
+    if colour_of(system.model) is not None:
+        return _walked(system, path, window)
     stretches = [local_information(system, path)]  # of 1, 2, 4, ... steps
     for bit in range(window.bit_length() - 1):
         stretches.append(_joined(stretches[-1], stretches[-1], 1 << bit))
@@ -34,7 +41,26 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     for bit in range(window.bit_length() - 1):
         if window >> bit & 1:
             found, length = _joined(found, stretches[bit], length), length + (1 << bit)
-    windows = found[1][: path.steps - window + 1].copy()
+    return _finite(path, found[1][: path.steps - window + 1].copy())
+
+
+def _walked(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
+    """The same by a walk along each window."""
+    walk = walk_along(system.model, path.step)
+    rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step)]
+    windows = [np.moveaxis(np.lib.stride_tricks.sliding_window_view(values, window, axis=0), 2, 1) for values in rows]
+    start, found = np.concatenate([walk.start, np.zeros(len(walk.packing.rows))]), []
+    count = max(1, _ENTRIES // (window * sum(values.shape[1] for values in rows)))
+    for first in range(0, path.steps - window + 1, count):
+        parts = [values[first : first + count] for values in windows]
+        carry = walk.scan.run(np.tile(start, (len(parts[0]), 1)), parts, window, carries=False).carry
+        found.append(walk.packing.full(carry[:, len(walk.start) :]))
+    if not all(map(all_finite, found)):
+        local_information(system, path)  # a landmark on the path, perhaps
+    return _finite(path, np.concatenate(found))
+
+
+def _finite(path: Trajectory, windows: np.ndarray) -> np.ndarray:
     if not all_finite(windows):
         k = int(np.argwhere(~np.isfinite(windows))[0, 0])
         raise InputError(f"the information of the window at step {k} (t = {path.t[k]:g} s) is not finite: the system is too unstable")

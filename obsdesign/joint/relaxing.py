@@ -81,7 +81,7 @@ def _groups(segments: int, sensors: int) -> int:
 def _together(start: Relaxation) -> np.ndarray:
     """Return the inputs (N, m) that a climb in path and weights comes to."""
     problem = start.question.problem
-    inner = Program(problem, rows_of(problem))
+    inner = Program(problem, rows_of(problem), len(start.weights))
     program = Relaxed(inner, len(start.weights), start.question.per_segment)
     first = program.joined(problem.path.fit(start.u, problem.grid), start.weights)
     return inner.inputs(program.parted(climb(program, aim_of(problem), first, limits=_LIMITS).p)[0])

@@ -1,0 +1,199 @@
+"""The recursion that makes errors of samples independent, one instant after the other: as graphs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.information.colour import Colour
+from obsdesign.model import Model
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Coloured outputs at one instant: rows dy/dx(t_0) / spread (q, n), level = 1 / spread (q, 1), gate (q, 1)."""
+
+    rows: ca.SX
+    level: ca.SX
+    gate: ca.SX
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """Which samples there are: due (q, 1), where the clock of the output's sensor has one; share (q, 1) in [0, 1], a factor on the
+    gate, 0 = off. Where amounts are counted: fresh (1, 1), whether errors before this instant are forgotten; factor (q, 1) on the
+    information of each sample; spread (q, 1) on the variance of its constant.
+    """
+
+    due: ca.SX
+    share: ca.SX
+    fresh: ca.SX | None = None
+    factor: ca.SX | None = None
+    spread: ca.SX | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """One instant: independent innovations (q, n) about x(t_0) of weight (q, 1), so that W = sum of weight row'row over all instants.
+
+    carry -> carry_next from one instant to the next, `start` before the first.
+    """
+
+    rows: ca.SX
+    weight: ca.SX
+    carry: ca.SX
+    carry_next: ca.SX
+    start: np.ndarray
+
+    @property
+    def information(self) -> list[ca.SX]:
+        """What each output adds (n, n) to what is known from those before it."""
+        return [self.rows[j, :].T @ (self.weight[j] * self.rows[j, :]) for j in range(self.rows.shape[0])]
+
+
+@dataclass(eq=False)
+class _Memory:
+    """What is carried from one instant to the next, as it is found."""
+
+    carry: list[ca.SX] = field(default_factory=list)
+    later: list[ca.SX] = field(default_factory=list)
+    start: list[float] = field(default_factory=list)
+
+    def keep(self, carry: Sequence[ca.SX], later: Sequence[ca.SX], start: Sequence[float]) -> None:
+        self.carry.extend(carry)
+        self.later.extend(later)
+        self.start.extend(start)
+
+
+def seen_of(model: Model, colour: Colour, Phi: ca.SX) -> Seen:
+    """Return what the coloured outputs of a model say at x about the state of which Phi is the derivative of x."""
+    rows, level, gate = [], [], []
+    for s in colour.places:
+        channel, noise = model.channels[s], model.channels[s].noise
+        each = ca.SX.ones(len(channel.outputs)) / (noise.inflation * noise.spread)
+        rows.append(ca.diag(each) @ (ca.jacobian(channel.h, model.x) @ Phi))
+        level.append(each)
+        gate.append(ca.SX.ones(len(channel.outputs)) * noise.gate)
+    return Seen(ca.vertcat(*rows), ca.vertcat(*level), ca.vertcat(*gate))
+
+
+def whitened(colour: Colour, seen: Seen, taken: Taken) -> Whitened:
+    """Return the rows of an instant, less what the samples before and beside them tell of their errors.
+
+    An error is z_k + v_k + B e in units of its spread: z_k = phi z_k-1 + (1 - phi^2)^1/2 white, or drawn anew with the correlation of
+    its group; v_k white of variance M (1 - g) / g, M = 1 + B^2, for samples that do not arrive (`Noise.missing`); e ~ N(0, 1) the
+    constant, B = bias / spread. First z is taken out, then e, by the innovations of a filter for each, whose estimates are linear
+    in x(t_0): all that is carried are those rows and variances.
+    """
+    n, q = seen.rows.shape[1], colour.q
+    B = ca.DM(colour.bias) * seen.level
+    M = 1 + B * B
+    arrives = ca.logic_and(taken.due, taken.share > 0)
+    g = ca.if_else(arrives, seen.gate * taken.share, 0)
+    memory = _Memory()
+    found: dict[int, tuple[ca.SX, ca.SX]] = {}
+    correlations = dict(colour.groups)
+    for members in colour.together:
+        constants = [j for j in members if colour.bias[j]]
+        rows = []
+        for j in members:
+            own = ca.horzcat(seen.rows[j, :], *[B[j] if i == j else ca.SX(1, 1) for i in constants])
+            # not a product: where a sensor that is off has no derivative, nothing is lost
+            rows.append(ca.if_else(arrives[j], own, ca.SX(*own.shape)))
+        if members in correlations:
+            several = _beside(rows, g[list(members)], M[list(members)], correlations[members])
+        elif colour.correlation[members[0]]:
+            several = [_after(rows[0], g[members[0]], M[members[0]], colour.correlation[members[0]], _of(taken, members[0]), memory)]
+        else:
+            several = [(rows[0], g[members[0]] / (g[members[0]] + (1 - g[members[0]]) * M[members[0]]))]
+        if taken.factor is not None:
+            several = [(row, weight * taken.factor[j]) for j, (row, weight) in zip(members, several, strict=True)]
+        if constants:
+            several = _constant(several, n, [_of(taken, j) for j in constants], memory)
+        found |= dict(zip(members, several, strict=True))
+    rows, weights = zip(*[found[j] for j in range(q)], strict=True)
+    return Whitened(
+        ca.vertcat(*rows),
+        ca.vertcat(*weights),
+        ca.vertcat(ca.SX(0, 1), *memory.carry),
+        ca.vertcat(ca.SX(0, 1), *memory.later),
+        np.array(memory.start),
+    )
+
+
+def _of(taken: Taken, j: int) -> Taken:
+    """What is taken of one output."""
+    factor, spread = (None if each is None else each[j] for each in (taken.factor, taken.spread))
+    return Taken(taken.due[j], taken.share[j], taken.fresh, factor, spread)
+
+
+def _after(row: ca.SX, g: ca.SX, M: ca.SX, phi: float, taken: Taken, memory: _Memory) -> tuple[ca.SX, ca.SX]:
+    """Take out of an output what its samples before tell of z, estimate a'x of variance p, a = 0 and p = 1 before the first.
+
+    Innovation i = r - a of variance s = p + M (1 - g) / g, gain K = p / s; a <- phi (a + K i), p <- phi^2 p (1 - K) + 1 - phi^2 at
+    each instant of the sensor's clock. With g = 1 throughout the rows are c_0 and (c_k - phi c_k-1) / (1 - phi^2)^1/2.
+    """
+    pattern = row.sparsity()
+    entries, p_symbol = ca.SX.sym("a", pattern.nnz()), ca.SX.sym("p")
+    a, p = ca.SX(pattern, entries), p_symbol
+    if taken.fresh is not None:
+        a, p = ca.if_else(taken.fresh, ca.SX(*a.shape), a), ca.if_else(taken.fresh, 1, p)
+    variance = g * p + (1 - g) * M  # g s: positive whatever arrives
+    gain, innovation = g * p / variance, row - a
+    a_next = ca.if_else(taken.due, phi * (a + gain * innovation), a)
+    p_next = ca.if_else(taken.due, phi**2 * p * (1 - gain) + (1 - phi) * (1 + phi), p)
+    memory.keep([entries, p_symbol], [_entries(a_next, pattern), p_next], [*[0.0] * pattern.nnz(), 1.0])
+    return innovation, g / variance
+
+
+def _beside(rows: list[ca.SX], g: ca.SX, M: ca.SX, correlation: tuple[tuple[float, ...], ...]) -> list[tuple[ca.SX, ca.SX]]:
+    """Take out of each output of a group what those before it tell of its z: Cholesky's elimination, row by row."""
+    P = ca.SX(ca.sparsify(ca.DM(correlation)))
+    told = [ca.SX(*row.shape) for row in rows]
+    found = []
+    for j, row in enumerate(rows):
+        weight = g[j] / (g[j] * P[j, j] + (1 - g[j]) * M[j])
+        innovation, gain = row - told[j], P[:, j] * weight
+        found.append((innovation, weight))
+        told = [each + gain[i] * innovation for i, each in enumerate(told)]
+        P = P - gain @ P[j, :]
+    return found
+
+
+def _constant(several: list[tuple[ca.SX, ca.SX]], n: int, taken: list[Taken], memory: _Memory) -> list[tuple[ca.SX, ca.SX]]:
+    """Take out of rows (i, b) about state and constants, of weight w, what those before tell of the constants.
+
+    Estimate A'x with covariance U U', A = 0 and U U' = spread before the first: f = U'b', t = 1 + w f'f, innovation i - b A of weight
+    w / t, A <- A + U f w / t (i - b A), U <- U (I - f f' w / (t + t^1/2)) (Potter's square root: nothing cancels).
+    """
+    count = len(taken)
+    pattern = several[0][0][0, :n].sparsity()
+    for row, _ in several[1:]:
+        pattern = pattern.unite(row[0, :n].sparsity())
+    entries = [ca.SX.sym("A", pattern.nnz()) for _ in taken]
+    U_symbol = ca.SX.sym("U", count, count) if count > 1 else ca.SX.sym("U")
+    A, U = ca.vertcat(*[ca.SX(pattern, each) for each in entries]), U_symbol
+    fresh, spreads = taken[0].fresh, [each.spread for each in taken if each.spread is not None]
+    if fresh is not None and spreads:
+        root = ca.diag(ca.sqrt(ca.vertcat(*spreads)))
+        A, U = ca.if_else(fresh, ca.SX(*A.shape), A), ca.if_else(fresh, ca.densify(root), U)
+    found = []
+    for row, weight in several:
+        i, b = row[0, :n], row[0, n:]
+        f = U.T @ b.T
+        t = 1 + weight * ca.sumsqr(f)
+        innovation = i - b @ A
+        found.append((innovation, weight / t))
+        A = A + (U @ f * (weight / t)) @ innovation
+        U = U / ca.sqrt(t) if count == 1 else U - (U @ f) @ f.T * (weight / (t + ca.sqrt(t)))
+    later = [_entries(A[i, :], pattern) for i in range(count)]
+    memory.keep([*entries, ca.vec(U_symbol)], [*later, ca.vec(ca.densify(U))], [*[0.0] * (pattern.nnz() * count), *np.eye(count).ravel()])
+    return found
+
+
+def _entries(row: ca.SX, pattern: ca.Sparsity) -> ca.SX:
+    columns = pattern.get_triplet()[1]
+    return ca.vertcat(*[row[0, j] for j in columns]) if columns else ca.SX(0, 1)
