@@ -95,7 +95,9 @@ class _Question:
         equations = equations_of(self.asked, self.held, origin_of(place) if place else None, meaning)
         read = (*equations.read, *zip(self.asked.state_names, place.state, strict=True)) if place else equations.read
         finding, nearby = self._findings(equations, place.less(equations.origin) if place else None)
-        verdict, generic = self._worded(equations, finding), self._worded(equations, nearby) if nearby else None
+        singular = nearby is not None and not (finding.decided and finding.dimension == nearby.dimension)
+        verdict = self._worded(equations, finding, chosen=place is not None, singular=singular)
+        generic = self._worded(equations, nearby) if nearby else None
         verdict = replace(
             verdict,
             proof=f"{verdict.proof}{as_read(read)}",
@@ -126,10 +128,10 @@ class _Question:
         holds = "holds" if added == unknown else "does not hold"
         return f"one degree more adds {added} for {unknown} unknown input{'s' * (unknown > 1)}: the induction step {holds}"
 
-    def _worded(self, equations: Equations, finding: Finding) -> Verdict:
+    def _worded(self, equations: Equations, finding: Finding, *, chosen: bool = False, singular: bool = False) -> Verdict:
         rank, n, states = finding.rank, len(self.asked.states), self.asked.state_names
         at = equations.state_at(finding.place).midpoint
-        hidden = hidden_in_words(self.asked, rank.null_space, at)
+        hidden = hidden_in_words(self.asked, rank.null_space, at, chosen=chosen, singular=singular)
         return Verdict(
             dimension=rank.rank,
             observable=rank.rank == n,
