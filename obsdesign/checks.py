@@ -35,8 +35,10 @@ def as_array(what: str, value: Any) -> np.ndarray:  # noqa: ANN401  # whatever a
     try:
         array = np.array(value)
         if array.dtype.kind not in "biuf":
-            array = np.array(value, dtype=float) if array.dtype.kind == "O" else None
-    except (TypeError, ValueError):
+            # objects: fractions, whole numbers of any length; None would become nan
+            numbers = array.dtype.kind == "O" and all(isinstance(entry, Real) for entry in array.flat)
+            array = array.astype(float) if numbers else None
+    except (TypeError, ValueError, OverflowError, NotImplementedError):
         array = None
     if array is None:
         shown = repr(value)

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from enum import IntEnum
@@ -31,7 +32,7 @@ _EXAMPLES = """examples:
   obsdesign schema result > result.schema.json
 
 exit codes: 0 done, 1 the study says no (unobservable, infeasible, an expected value missed),
-            2 bad input, 3 a solver failed, 130 interrupted"""
+            2 bad input, 3 a solver or obsdesign itself failed, 130 interrupted"""
 
 
 class Exit(IntEnum):
@@ -54,14 +55,16 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         signal.signal(signal.SIGINT, stop)
     try:
         code = options.verb(options)
-    except (Exception, KeyboardInterrupt) as error:
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # whatever it is, it has an exit code
         if stop.pressed or isinstance(error, KeyboardInterrupt):
             code = stop.tell()
         elif isinstance(error, ObsdesignError):
             code = _exit_of(error)
             _complain(options, str(error), code)
-        else:
-            raise
+        else:  # a fault of ours: never exit code 1, which is an answer of the study
+            code = Exit.SOLVER_FAILED
+            traceback.print_exc()
+            _complain(options, f"internal error, please report it: {type(error).__name__}: {error}", code)
     sys.exit(code)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known, require_positive
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Channel, Model, Noise, columns
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
+@validate_arguments
 @dataclass(frozen=True, eq=False)
 class ControlAffineSystem(AbstractSystem):
     """xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs, from CasADi SX expressions.
@@ -75,11 +77,14 @@ class ControlAffineSystem(AbstractSystem):
     def __post_init__(self) -> None:
         import casadi as ca
 
+        if not isinstance(self.state, ca.SX):
+            raise InputError(f"state is {self.state!r}: must be a column of distinct SX symbols")
         n = self.state.numel()
         object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "drift", ca.SX.zeros(n) if self.drift is None else ca.SX(self.drift))
+        object.__setattr__(self, "drift", ca.SX.zeros(n) if self.drift is None else _as_expression("drift", self.drift))
         for group in ("known", "unknown", "outputs"):
-            object.__setattr__(self, group, {name: ca.SX(value) for name, value in getattr(self, group).items()})
+            expressions = {name: _as_expression(f"{group}[{name!r}]", value) for name, value in getattr(self, group).items()}
+            object.__setattr__(self, group, expressions)
         object.__setattr__(self, "sigmas", dict(self.sigmas))
         object.__setattr__(self, "angles", tuple(self.angles))
         self._check()
@@ -168,6 +173,15 @@ def _restore(
     return system
 
 
+def _as_expression(what: str, value: object) -> ca.SX:
+    import casadi as ca
+
+    try:
+        return ca.SX(value)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    except NotImplementedError:
+        raise InputError(f"{what} is {_shortened(value)}: must be a CasADi SX expression, such as casadi.vertcat(...) of some") from None
+
+
 def _require_expression(what: str, expression: ca.SX, state: ca.SX, shape: tuple[int, int], inputs: Mapping[str, str]) -> None:
     """Raise InputError unless the expression has the shape and contains no symbols but the state; inputs: name -> what it is."""
     import casadi as ca
@@ -186,7 +200,7 @@ def _require_expression(what: str, expression: ca.SX, state: ca.SX, shape: tuple
         raise InputError(f"{what} = {_shortened(expression)} contains {found}; only the state may appear ({own})")
 
 
-def _shortened(expression: ca.SX) -> str:
+def _shortened(expression: object) -> str:
     text = str(expression)
     return text if len(text) <= 80 else f"{text[:77]}..."
 

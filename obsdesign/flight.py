@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint
@@ -73,6 +74,7 @@ class _Scene:
 _Pilot = Callable[[int, Belief, np.ndarray], np.ndarray]
 
 
+@validate_arguments
 def fly(
     problem: DesignProblem,
     prior: Prior,
@@ -208,4 +210,4 @@ def _margin(problem: DesignProblem, truth: np.ndarray, u: np.ndarray) -> float:
     )
     if not always:
         return float("inf")
-    return float(nodes_of(problem.system.model, always, ()).values(truth, np.vstack([u, u[-1:]])).min())
+    return float(nodes_of(problem.system.model, always, ()).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.question import observability
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Span
 from obsdesign.costs._terms import Budget
@@ -521,6 +522,7 @@ class _Call:
         return self.began + float(self.deadline) - _SPARE * pace - _AFTER
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Planner:
     """Plans for one problem from wherever the vehicle is. Built once; the warm start travels in the plan: no hidden state.

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array
 from obsdesign.errors import InputError
 
 
+@validate_arguments
 @dataclass(frozen=True, eq=False, init=False)
 class Prior:
     """x(t_0) ~ N(mean, covariance): mean (n,), and either std (n,) > 0 or covariance (n, n), in the units of the states.

@@ -5,6 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.arguments import validate_arguments
+from obsdesign.checks import as_array
+from obsdesign.errors import InputError
 
 EPS = float(np.finfo(float).eps)
 _ROUNDINGS = 8  # of one entry of a sum: its products and its additions, each at most eps of the sizes added
@@ -56,12 +61,19 @@ def hidden_directions(W: np.ndarray, sizes: np.ndarray | None = None) -> np.ndar
     return found.V[:, found.hidden] / found.d[:, None]
 
 
-def standard_deviations(J: np.ndarray, sizes: np.ndarray | None = None) -> np.ndarray:
+@validate_arguments
+def standard_deviations(J: ArrayLike, sizes: np.ndarray | None = None) -> np.ndarray:
     """Return sqrt(diag(J^-1)) (..., n) in the units of the states; inf for a state that a hidden direction of J (..., n, n) moves.
 
     sizes (..., n): of what was added for each diagonal entry, None = the diagonal itself; see `spectrum`.
     """
-    found = spectrum(J, sizes)
+    matrices = as_array("J", J)
+    if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2]:
+        raise InputError(f"J has shape {matrices.shape}: must be (..., n, n)")
+    added = None if sizes is None else as_array("sizes", sizes)
+    if added is not None and added.shape != matrices.shape[:-1]:
+        raise InputError(f"sizes has shape {added.shape}: must be {matrices.shape[:-1]}, one for each diagonal entry")
+    found = spectrum(matrices, added)
     return deviations(found) / found.d
 
 

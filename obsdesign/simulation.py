@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
@@ -16,6 +17,7 @@ from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
 
+@validate_arguments
 def simulate(system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: ArrayLike | None = None) -> Trajectory:
     """Integrate xdot = g0 + f u + g w by RK4 with inputs held over each step of dt [s].
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Channel, JointNoise, Model, Noise, columns
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class System(AbstractSystem):
     """A ready-made vehicle with sensors.

@@ -7,10 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_count, require_positive
 from obsdesign.errors import InputError
 
 
+@validate_arguments
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """t (N+1,) [s], x (N+1, n), u (N, m), w (N, p): inputs u[k], known, and w[k], unknown, are held from t[k] to t[k+1].

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
@@ -71,6 +72,7 @@ class _Task:
     runs: range
 
 
+@validate_arguments
 def validate(
     system: AbstractSystem,
     path: Trajectory,

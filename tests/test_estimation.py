@@ -360,7 +360,7 @@ def test_a_schedule_of_the_wrong_shape_is_refused(shape: tuple[int, ...]):
 
 @pytest.mark.parametrize("runs", [0, -3, 2.5, "many"])
 def test_runs_are_counted(runs: object):
-    with pytest.raises(od.InputError, match=rf"runs is {runs!r}: must be a whole number of at least 1"):
+    with pytest.raises(od.InputError, match=rf"runs is {runs!r}: must be a whole number"):
         od.validate(LINEAR, PATH, prior=PRIOR, runs=runs)
 
 

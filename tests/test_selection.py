@@ -450,7 +450,7 @@ def test_rounding_errors_of_a_block_are_forgiven():
 
 @pytest.mark.parametrize("per_segment", [0, -1, 3, 1.5, "1"])
 def test_the_number_of_sensors_per_segment_is_checked(per_segment: object):
-    with pytest.raises(od.InputError, match=rf"per_segment is {per_segment!r}: must be a whole number from 1 to 2"):
+    with pytest.raises(od.InputError, match=rf"per_segment is {per_segment!r}: must be a whole number"):
         od.select_sensors(random_blocks(3, 2, 2, 2), per_segment)
 
 
@@ -471,7 +471,7 @@ def test_limits_are_checked(limits: dict[str, float], message: str):
 
 def test_what_is_no_choice_is_refused():
     blocks = random_blocks(3, 2, 2, 2)
-    with pytest.raises(od.InputError, match="method is 'best': must be 'auto', 'columns' or 'direct'"):
+    with pytest.raises(od.InputError, match="method is 'best': must be one of 'auto', 'columns', 'direct'"):
         od.select_sensors(blocks, method="best")  # pyright: ignore[reportArgumentType]
     with pytest.raises(
         od.InputError, match="criterion is Posterior: its information is no sum over sensors, so no schedule is best for it"

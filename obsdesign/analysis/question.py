@@ -23,6 +23,7 @@ from obsdesign.analysis.places import Place, Surroundings, as_place, origin_of, 
 from obsdesign.analysis.points import finding_at, jets_at
 from obsdesign.analysis.polynomial import Polynomial, augmented
 from obsdesign.analysis.verdict import Verdict
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
@@ -32,6 +33,7 @@ KnownInputs = Literal["any", "smooth"]
 Disturbance = Literal["arbitrary"] | Polynomial
 
 
+@validate_arguments
 def observability(  # the public contract
     system: AbstractSystem,
     at: ArrayLike | None = None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
 from obsdesign.constraints._shapes import beyond
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
@@ -11,6 +12,7 @@ from obsdesign.geometry import circle_through
 from obsdesign.signals import Point
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class CircleClearance(AbstractConstraint):
     """sqrt(f^2 + (time_scale df/dt)^2) >= clearance, f = |position - c| - r, c and r of the circle through three landmarks.

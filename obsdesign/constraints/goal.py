@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
 from obsdesign.constraints._given import LENGTH, as_size, spelled
 from obsdesign.constraints._shapes import outside_disc
@@ -11,6 +12,7 @@ from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinat
 from obsdesign.signals import Point
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Goal(AbstractConstraint):
     """|position(t_N) - point| <= tolerance; point (x, y) [m], tolerance [m] > 0. Raises InputError for other values.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.constraints._given import LENGTH, spelled_points
 from obsdesign.constraints._shapes import inside_edges
 from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinate, Moment, Span
@@ -11,6 +12,7 @@ from obsdesign.geometry import convex_corners, polygon_size
 from obsdesign.signals import Point
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class GoalRegion(AbstractConstraint):
     """n_i . position(t_N) <= b_i for every edge i of a convex polygon; corners (m, 2) [m], in either sense, kept counter-clockwise.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.constraints._given import SPEED, as_size, spelled
 from obsdesign.constraints._shapes import beyond
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.errors import InputError
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class GroundSpeed(AbstractConstraint):
     """least <= |(dx/dt, dy/dt)| <= most, wind and current included; least, most [m/s] > 0, None = no limit, not both.

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import pi
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.constraints._given import ANGLE, as_angle, as_window, spelled, spelled_window
 from obsdesign.constraints._shapes import within_angle
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.errors import InputError
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class HeadingSector(AbstractConstraint):
     """low <= heading(t) <= high, to whole turns, at every instant t of [first, last]; the sector runs counter-clockwise from low to high.

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
 from obsdesign.constraints._shapes import outside_disc
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class MaxRange(AbstractConstraint):
     """|position - landmark| <= distance for every landmark; distance [m] > 0. Raises InputError for other values.

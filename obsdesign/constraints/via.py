@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
 from obsdesign.constraints._given import LENGTH, as_size, as_window, spelled, spelled_window
 from obsdesign.constraints._shapes import outside_disc
@@ -11,6 +12,7 @@ from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Momen
 from obsdesign.signals import Point
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Via(AbstractConstraint):
     """|position(t) - point| <= tolerance at one instant t of [first, last].

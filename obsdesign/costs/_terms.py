@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_positive
 from obsdesign.costs.abstract import AbstractCost
 from obsdesign.errors import InputError
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Budget:
     """cost <= at_most, in the cost's unit, > 0. Raises InputError for other values."""
@@ -22,6 +24,7 @@ class Budget:
         object.__setattr__(self, "at_most", float(self.at_most))
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Price:
     """The criterion loses per_unit, in its own unit, > 0, for every unit of the cost. Raises InputError for other values."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obsdesign.arguments import validate_arguments
+from obsdesign.checks import as_array
 from obsdesign.criteria.abstract import AbstractCriterion, Knowledge
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.prior import Prior
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     import cvxpy as cp
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Posterior(AbstractCriterion):
     """Another criterion of J, the posterior information about x(t_N-1) after its samples, in the place of W about x(t_0).
@@ -32,7 +35,7 @@ class Posterior(AbstractCriterion):
 
     def __post_init__(self) -> None:
         if self.disturbance_psd is not None:
-            psd = np.asarray(self.disturbance_psd, dtype=float).tolist()
+            psd = as_array("posterior: disturbance_psd", self.disturbance_psd).tolist()
             object.__setattr__(self, "disturbance_psd", tuple(tuple(row) if isinstance(row, list) else row for row in psd))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
 

@@ -52,9 +52,9 @@ def nodes_within(constraint: AbstractConstraint, steps: int, step: float) -> np.
 
 def rows_of(problem: DesignProblem) -> Rows:
     """Return which margins must hold at which nodes."""
-    if not problem.constraints:
-        return Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))
     functions = nodes_of(problem.system.model, problem.constraints, ())
+    if not functions.owner:  # limits that limit nothing, such as a distance from landmarks where there are none
+        return Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0))
     owner, of_inputs = np.array(functions.owner), np.array(functions.of_inputs)
     nodes, margins, choices, count = [], [], [], 0
     for i, constraint in enumerate(problem.constraints):

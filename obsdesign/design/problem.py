@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs._terms import Budget, Price
@@ -25,6 +26,7 @@ from obsdesign.simulation import as_scale, as_state, simulate
 from obsdesign.trajectory import Trajectory
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Floor:
     """lambda_min(S W S) of every stretch of `seconds` of the path is at least `value`, W about the state at its beginning.
@@ -62,6 +64,7 @@ class Robust:
         return self.prior.mean + normal @ np.linalg.cholesky(self.prior.covariance).T
 
 
+@validate_arguments
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
     """Maximise criterion(S W S) minus prices over paths of one family, W from all samples of all sensors.

@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from obsdesign.analysis.question import observability
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.design.aim import aim_of, value_of
 from obsdesign.design.choosing import chosen
@@ -30,6 +31,7 @@ _SKIPPED = 20
 _NEAR, _KEPT = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
 
 
+@validate_arguments
 def design_trajectory(
     problem: DesignProblem,
     starts: int = 8,

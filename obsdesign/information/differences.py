@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.information.gramian import empirical_gramian, perturbation_of, variational_gramian
 from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
@@ -41,6 +42,7 @@ class Perturbation:
         return f"{found}; take a {'smaller' if self.curvature > self.rounding else 'larger'} eps"
 
 
+@validate_arguments
 def perturbation(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Perturbation:
     """Judge an eps by the empirical Gramians of eps and eps / 2, and by the variational one, which has no eps.
 

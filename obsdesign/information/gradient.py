@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_positive
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
@@ -19,6 +20,7 @@ from obsdesign.simulation import as_known_and_unknown, as_scale, as_state, side_
 from obsdesign.step import CACHED
 
 
+@validate_arguments
 def information_value(
     system: AbstractSystem,
     x0: ArrayLike,
@@ -38,6 +40,7 @@ def information_value(
     return criterion.value(walk.sums(carry)[0].sum(axis=0) * S[:, None] * S)
 
 
+@validate_arguments
 def information_gradient(
     system: AbstractSystem,
     x0: ArrayLike,

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import all_finite, as_array
 from obsdesign.errors import InputError
@@ -28,6 +29,7 @@ from obsdesign.trajectory import Trajectory
 _Sampler = Callable[[np.ndarray, np.ndarray, float, bool], np.ndarray]
 
 
+@validate_arguments
 def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool = True) -> Information:
     """W = sum_k sum_s Phi_k' C_sk' R_s^-1 C_sk Phi_k over the samples of each sensor, with Phi_{k+1} = F_k Phi_k, Phi_0 = I.
 
@@ -60,6 +62,7 @@ def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:
     return with_samples(blocks, model.sensor_names, shape.full(run.carry)[-1], samples)
 
 
+@validate_arguments
 def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
     """W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
 

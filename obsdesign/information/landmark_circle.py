@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import lie_derivative
 from obsdesign.checks import as_pair, require_count, require_known
 from obsdesign.geometry import circle_through
@@ -56,6 +57,7 @@ class CircleResiduals:
     paper_relation: np.ndarray
 
 
+@validate_arguments
 def landmark_circle(landmarks: Sequence[Point]) -> Circle:
     """Return the circle C through three landmarks (x, y) [m].
 
@@ -66,6 +68,7 @@ def landmark_circle(landmarks: Sequence[Point]) -> Circle:
     return Circle(*circle_through([as_pair("landmark", point) for point in landmarks]))
 
 
+@validate_arguments
 def circle_residuals(
     system: AbstractSystem,
     path: Trajectory,

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_fit
@@ -29,6 +30,7 @@ _CLOSED = 1e-300  # so that the root of a gate has a derivative where it is clos
 _TOLD_APART = 1e-12  # smallest eigenvalue, at unit diagonal, of what the outputs say about constant inputs
 
 
+@validate_arguments
 def posterior_information(
     system: AbstractSystem,
     path: Trajectory,
@@ -56,6 +58,7 @@ def posterior_information(
     return roots.swapaxes(1, 2) @ roots
 
 
+@validate_arguments
 def unknown_input_information(
     system: AbstractSystem,
     path: Trajectory,

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor
 from obsdesign.errors import InputError
 from obsdesign.information.samples import Samples
 from obsdesign.round_off import standard_deviations
 
 
+@validate_arguments
 @dataclass(frozen=True, eq=False)
 class Information:
     """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.

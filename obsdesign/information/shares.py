@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_divisor
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
@@ -53,6 +54,7 @@ class Contributions:
         return f"{state.name} is known to {self.std[i]:.3g}{unit}; {bulk}"
 
 
+@validate_arguments
 def contributions(
     system: AbstractSystem, information: Information, segments: int | None = None, scale: ArrayLike | None = None
 ) -> Contributions:

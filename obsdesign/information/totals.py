@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor, require_positive
 from obsdesign.errors import InputError
 from obsdesign.information.colour import Colour, colour_of
@@ -118,6 +119,7 @@ def _summed(one: Stepped) -> tuple[Packing, ca.SX, ca.SX]:
     return packing, sums, sums + packing.column(one.blocks)
 
 
+@validate_arguments
 def segment_information(system: AbstractSystem, path: Trajectory, segments: int) -> np.ndarray:
     """Return (K, S, n, n): what `variational_gramian(system, path).by_segment(K)` is, in memory that does not grow with the steps.
 
@@ -176,6 +178,7 @@ class _Task:
     first: int
 
 
+@validate_arguments
 def batch_information(
     system: AbstractSystem | Sequence[AbstractSystem],
     starts: ArrayLike,
@@ -194,8 +197,10 @@ def batch_information(
     """
     require_positive("dt", dt)
     points = as_array("starts", starts)
+    if points.ndim != 2 or not len(points):
+        raise InputError(f"starts has shape {points.shape}: must be (M, n), M > 0")
     systems = [system] * len(points) if isinstance(system, AbstractSystem) else list(system)
-    if points.ndim != 2 or not len(points) or len(systems) != len(points):
+    if len(systems) != len(points):
         raise InputError(f"starts has shape {points.shape} for {len(systems)} systems: must be (M, n), M > 0, one start for each system")
     inputs, unknown = as_array("u", u), None if w is None else as_array("w", w)
     inputs = inputs[:, None] if inputs.ndim == 1 else inputs

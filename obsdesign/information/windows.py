@@ -7,6 +7,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, require_count
 from obsdesign.errors import InputError
 from obsdesign.information.colour import colour_of
@@ -22,6 +23,7 @@ from obsdesign.trajectory import Trajectory
 _ENTRIES = 1 << 20  # numbers of the rows that are walked at once
 
 
+@validate_arguments
 def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
     """Return (N - window + 1, S, n, n): what the samples at t_k .. t_(k + window - 1) of sensor s say about x(t_k).
 
@@ -32,6 +34,7 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     """
     require_fit(system, path)
     require_count("window", window, least=1, most=path.steps)
+    window = int(window)  # whole numbers of NumPy do not know their bits
     if colour_of(system.model) is not None:
         return _walked(system, path, window)
     stretches = [local_information(system, path)]  # of 1, 2, 4, ... steps

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.design.caps import cap_of
 from obsdesign.design.problem import DesignProblem
@@ -30,6 +31,7 @@ from obsdesign.trajectory import Trajectory
 ROUNDS = 20  # of path, then schedule; a few settle it
 
 
+@validate_arguments
 def codesign(
     problem: DesignProblem,
     segments: int,

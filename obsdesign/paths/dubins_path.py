@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_positive
 from obsdesign.errors import InputError
 from obsdesign.paths import _columns, _switch_times, _switches
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 _TURN = "turn_rate"
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class DubinsPath(AbstractPath):
     """turn_rate(t) = v_1 + sum_i (v_i+1 - v_i) S((t - s_i) / tau), u_k its mean over step k; every other input is constant.

@@ -6,6 +6,7 @@ import json
 import tempfile
 from pathlib import Path
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError
 from obsdesign.exchange.schedule_csv import schedule_csv
 from obsdesign.exchange.trajectory_csv import trajectory_csv
@@ -16,6 +17,7 @@ from obsdesign.report.result import result_of
 from obsdesign.study.record import Study
 
 
+@validate_arguments
 def write_report(folder: str | Path, study: Study) -> Result:
     """Write report.html, result.json, trajectory.csv and schedule.csv of a study; return what result.json holds.
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_within
 from obsdesign.rules._given import Sensor, as_numbers
 from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms, each
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class EnergyBudget(AbstractRule):
     """sum_k sum_s cost_s on_ks + sum of start_s over every switching-on <= limit, in any unit.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.rules._given import Sensor, as_sensors, listed
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Exclusive(AbstractRule):
     """At most one of these sensors is on in a segment. Raises InputError for fewer than two sensors."""

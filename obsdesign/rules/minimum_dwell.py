@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.rules._given import Sensor, as_sensors, listed
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class MinimumDwell(AbstractRule):
     """A sensor that is switched on stays on for at least so many segments, or to the end of the path.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError
 from obsdesign.rules._given import Sensor
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Requires(AbstractRule):
     """A sensor is on only in segments in which the other is on too. Raises InputError where both are the same."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.rules._given import Sensor, as_numbers
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms, each
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class SwitchingCost(AbstractRule):
     """Each switching-on of a sensor takes `cost` off the value of the schedule, in the criterion's unit.

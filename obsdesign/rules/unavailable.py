@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.rules._given import Sensor, listed
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Unavailable(AbstractRule):
     """A sensor is off in these segments, counted from 0. Raises InputError where the path has no such segment."""

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_within
 from obsdesign.errors import InputError
 from obsdesign.rules._given import Sensor
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class UnavailableBetween(AbstractRule):
     """A sensor is off in every segment that shares time with first..last [s]. Raises InputError unless 0 <= first < last."""

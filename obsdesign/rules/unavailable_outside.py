@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair, require_positive
 from obsdesign.errors import InputError
 from obsdesign.rules._given import Sensor
@@ -11,6 +12,7 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 from obsdesign.signals import Point
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class UnavailableOutside(AbstractRule):
     """A sensor is off in every segment that leaves the circle about centre (x, y) [m] with radius [m] > 0."""

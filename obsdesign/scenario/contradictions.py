@@ -17,11 +17,15 @@ from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE
 from obsdesign.scenario.wording import Location, Problem, unknown_key, unknown_name
 
 _OF_GIVEN_PATHS = ("criterion", "about", "suites", "constraints")  # keys of [design] that hold for them too
+_MOST_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory
 _ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
 def contradictions(scenario: Scenario) -> Iterator[Problem]:
     """Yield what is wrong between values that are each acceptable."""
+    if excess := list(_size_problems(scenario)):
+        yield from excess  # nothing else could be looked at in finite time
+        return
     yield from _name_problems(scenario)
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
@@ -36,6 +40,14 @@ def contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _codesign_problems(scenario)
     yield from _place_problems(scenario)
     yield from _constraint_problems(scenario)
+
+
+def _size_problems(scenario: Scenario) -> Iterator[Problem]:
+    time = scenario.time
+    for what, length in (("step", time.step), ("segment", time.segment)):
+        if time.duration / length > _MOST_STEPS:
+            message = f"is {time.duration:g} s: must be at most {_MOST_STEPS} {what}s of {length:g} s"
+            yield Problem(("time", "duration"), message)
 
 
 def _name_problems(scenario: Scenario) -> Iterator[Problem]:

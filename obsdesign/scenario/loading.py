@@ -12,16 +12,19 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
 from obsdesign.scenario.contradictions import contradictions
 from obsdesign.scenario.degrees import in_radians, no_angles
 from obsdesign.scenario.leaves import COST, LEAVES
 from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.sizes import too_large
 from obsdesign.scenario.wording import Location, Problem, described, in_file, of_another_type, unknown_key
 
 _OWN = ("file", "digest")  # fields of the record that are no keys of the file
 
 
+@validate_arguments
 def load_scenario(file: str | Path) -> Scenario:
     """Read and check a scenario; runs no code and starts no solver.
 
@@ -48,6 +51,9 @@ def load_scenario(file: str | Path) -> Scenario:
 
 
 def _validated(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario | None, list[Problem]]:
+    oversized = list(too_large(data))
+    if oversized:
+        return None, oversized
     try:
         # strict JSON mode: arrays become tuples, nothing else is converted
         text = json.dumps({**in_radians(data), "file": file, "digest": digest}, default=str)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.rules.abstract import AbstractRule, Segments
@@ -31,6 +32,7 @@ class Loss:
     bound: float
 
 
+@validate_arguments
 def sensor_losses(
     blocks: ArrayLike,
     schedule: Schedule,

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_count
+from obsdesign.arguments import validate_arguments
+from obsdesign.checks import require_count, require_within
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError
@@ -45,6 +46,7 @@ class Pareto:
         return float(np.min(self.levels + self.slopes * limit))
 
 
+@validate_arguments
 def pareto(
     blocks: ArrayLike,
     budget: EnergyBudget,
@@ -65,6 +67,7 @@ def pareto(
     """
     array = require_blocks(np.asarray(blocks), per_segment)
     require_count("points", points, least=2)
+    require_within("gap", gap)
     wanted = Wanted("auto", gap, None, seed, _FRONTS)
 
     def limited(limit: float) -> Instance:
@@ -79,6 +82,8 @@ def pareto(
         if point is None:
             break  # and less is too little, too
         found.append(point)
+    if not found:
+        raise InputError(f"gap is {gap:g}: within it no schedule needs a sensor; give a smaller one")
     return _front(found[::-1])
 
 

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count, require_positive
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
@@ -40,6 +41,7 @@ _NODES = 4_000_000
 _DRAWN = ((400, 16), (4000, 6), (40_000, 1), (1 << 62, 0))  # choices K S, and how many roundings are drawn beside the best one
 
 
+@validate_arguments
 def select_sensors(
     blocks: ArrayLike,
     per_segment: int = 1,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.sensors._onboard import AbstractOnboard
 from obsdesign.signals import Signal
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
+@validate_arguments
 @dataclass(frozen=True, kw_only=True)
 class Magnetometer(AbstractOnboard):
     """h = heading; sigma [rad]. Source: Brace and Morgansen, Table I."""

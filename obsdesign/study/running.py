@@ -9,6 +9,7 @@ from itertools import combinations
 from time import perf_counter
 
 from obsdesign.analysis.question import observability_of
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import whole_multiple
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.shaping import design_trajectory
@@ -27,6 +28,7 @@ from obsdesign.validation import validate
 Progress = Callable[[str], None]
 
 
+@validate_arguments
 def run(scenario: Scenario, seed: int | None = None, executor: Executor | None = None, progress: Progress | None = None) -> Study:
     """Answer the questions of a scenario. seed: None = the scenario's.
 

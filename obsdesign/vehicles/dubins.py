@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_positive
 from obsdesign.signals import Signal
 from obsdesign.vehicles import _planar as planar
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Dubins(AbstractVehicle):
     """xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.

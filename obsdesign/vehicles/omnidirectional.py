@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
 from obsdesign.vehicles import _planar as planar
@@ -18,6 +19,7 @@ _INPUTS = (Signal("forward", "m/s"), Signal("sideways", "m/s"), TURN_RATE)
 _SLIPS = (Signal("forward_slip", "m/s"), Signal("side_slip", "m/s"), Signal("turn_slip", "rad/s"))
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Omnidirectional(AbstractVehicle):
     """xdot = f cos(heading) - s sin(heading), ydot = f sin(heading) + s cos(heading), headingdot = o.

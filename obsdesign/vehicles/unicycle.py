@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.signals import Signal
 from obsdesign.vehicles import _planar as planar
 from obsdesign.vehicles.abstract import SPEED, TURN_RATE, AbstractVehicle, Fields
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
+@validate_arguments
 @dataclass(frozen=True)
 class Unicycle(AbstractVehicle):
     """xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
