@@ -162,23 +162,31 @@ def test_an_equilibrium_sees_less_than_its_surroundings_and_that_is_decided():
     assert verdict.generic.dimension == 1
 
 
-def test_a_stall_at_the_point_alone_is_undecided():
-    # x' = 1, y = x^60 at 0: derivative 59 tells, more than are taken
+def test_what_a_derivative_beyond_those_taken_would_show_is_shown_on_the_way():
+    # x' = 1, y = x^60 at 0: derivative 60 tells, more than are taken; so does y' at any state that is reached
     x = states(1)
-    power = x
-    for _ in range(59):
-        power = power * x
-    verdict = observability(affine(x, [power], drift=ca.SX([1.0])), at=[0.0])
-    assert (verdict.dimension, verdict.observable, verdict.decided, verdict.stopped_by) == (0, False, False, "stalled")
+    verdict = observability(affine(x, [x**60], drift=ca.SX([1.0])), at=[0.0])
+    assert (verdict.dimension, verdict.observable, verdict.decided, verdict.stopped_by) == (1, True, True, "full")
+    assert "on the way" in verdict.proof
+
+
+def test_a_stall_at_the_point_alone_is_undecided():
+    # from (0, 0, 1, 1) a = t and b = t^2: (b - a^2) c is 0 for ever and shows no change of c. Off the parabola it does, and nobody
+    # looks for parabolas: the smallest affine set that holds this one is the whole plane
+    x = states(4)
+    a, b, c, _ = ca.vertsplit(x)
+    verdict = observability(affine(x, [a, b, (b - a**2) * c], drift=ca.vertcat(1, 2 * a, 0, 0)), at=[0.0, 0.0, 1.0, 1.0])
+    assert (verdict.dimension, verdict.decided, verdict.stopped_by) == (2, False, "stalled")
     assert verdict.hidden.startswith("not decided")
+    assert "at most 3" in verdict.proof
 
 
 def test_at_the_precision_limit_only_the_lower_bound_is_claimed():
-    # exp(exp(9)) has 11690 bits before the point: its sine is any number in [-1, 1]
+    # exp(exp(20)) has 700 million bits before the point: its sine is any number in [-1, 1]
     x = states(2)
-    verdict = observability(affine(x, [x[0], x[1] * ca.sin(ca.exp(ca.exp(x[0])))]), at=[9.0, 1.0])
+    verdict = observability(affine(x, [x[0], x[1] * ca.sin(ca.exp(ca.exp(x[0])))]), at=[20.0, 1.0])
     assert (verdict.dimension, verdict.observable, verdict.decided, verdict.stopped_by) == (1, False, False, "precision")
-    assert "4096 bits" in verdict.proof
+    assert "bits do not tell the rest from 0, and at most 2 modulo" in verdict.proof
 
 
 def test_a_finite_list_of_words_is_decided_at_a_singular_point():

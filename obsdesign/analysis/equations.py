@@ -6,19 +6,42 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import accumulate
 
 import casadi as ca
+import flint
 
 from obsdesign.analysis.places import Place
 from obsdesign.checks import require_known
 from obsdesign.model import Model
+from obsdesign.rank.balls import PRECISIONS
 from obsdesign.rank.constants import symbolise
+from obsdesign.rank.elimination import values_at
 from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
-from obsdesign.rank.numbers import Meaning
+from obsdesign.rank.numbers import Meaning, Number
+from obsdesign.rank.pieces import smooth_near
 from obsdesign.rank.reading import read
+from obsdesign.rank.relations import Used, used
 from obsdesign.rank.taylor import Flow
 
 Exact = tuple[Meaning, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One piece of functions of n states: (x, constants) -> their values on this piece, and on the piece where x lies."""
+
+    n: int
+    here: ca.Function
+    anywhere: ca.Function
+    values: Exact
+
+    def holds(self, state: Sequence[Number]) -> bool:
+        """Return whether the state (..., n), perhaps behind added ones, lies in this piece."""
+        arguments = (state[len(state) - self.n :], self.values)
+        with flint.ctx.workprec(PRECISIONS[1]):
+            here, anywhere = (values_at(function, arguments) for function in (self.here, self.anywhere))
+        return all(a.overlaps(b) for rows in zip(here, anywhere, strict=True) for a, b in zip(*rows, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +50,7 @@ class Equations:
 
     constants (c, 1): symbols for the numbers in all of these, with their values; extra: how many states come first that
     were added, and are not asked for; origin (n,): x is the state that was asked about less origin pi; read: doubles of the
-    model, each with what it stands for.
+    model, each with what it stands for; piece: which one these are, where functions have pieces.
     """
 
     x: ca.SX
@@ -42,6 +65,7 @@ class Equations:
     extra: int = 0
     origin: tuple[Fraction, ...] = ()
     read: tuple[tuple[float, Meaning], ...] = ()
+    piece: Piece | None = None
 
     @property
     def n(self) -> int:
@@ -54,10 +78,15 @@ class Equations:
         return self.n - self.extra
 
     @cached_property
-    def _steps(self) -> tuple[Instruction, ...]:
-        return instructions(self.function(ca.vertcat(self.outputs, self.drift, *self.known, *self.unknown)))
+    def everything(self) -> ca.Function:
+        """(x, constants) -> outputs, drift, known and unknown fields in one column."""
+        return self.function(ca.densify(ca.vertcat(self.outputs, self.drift, *self.known, *self.unknown)))
 
-    @property
+    @cached_property
+    def _steps(self) -> tuple[Instruction, ...]:
+        return instructions(self.everything)
+
+    @cached_property
     def is_rational(self) -> bool:
         """Whether all expressions are quotients of polynomials with rational coefficients."""
         return is_rational(self._steps)
@@ -66,6 +95,20 @@ class Equations:
     def has_pieces(self) -> bool:
         """Whether some expression is another function elsewhere."""
         return has_pieces(self._steps)
+
+    @cached_property
+    def symbols_used(self) -> Used:
+        """The functions in these expressions that are symbols modulo a prime."""
+        return used(self._steps, (self.x, self.constants))
+
+    def smooth_near(self, place: Sequence[Number]) -> Equations:
+        """Return the equations without pieces that are these near a state (n,). Raises NoValueError on the border of pieces."""
+        column = smooth_near(self.everything, (self.x, self.constants), (place, self.values))
+        lengths = [self.outputs.numel(), *[self.n] * (1 + len(self.known) + len(self.unknown))]
+        outputs, drift, *fields = ca.vertsplit(column, [0, *accumulate(lengths)])
+        known, unknown = tuple(fields[: len(self.known)]), tuple(fields[len(self.known) :])
+        smooth = replace(self, outputs=outputs, drift=drift, known=known, unknown=unknown)
+        return replace(smooth, piece=Piece(self.n, smooth.everything, self.everything, self.values))
 
     @cached_property
     def flow(self) -> Flow:
@@ -96,9 +139,11 @@ class Equations:
         """Return the equations as they are for somebody who knows the unknown inputs."""
         return replace(self, known=(*self.known, *self.unknown), unknown=())
 
-    def with_unknown(self, kept: Sequence[int]) -> Equations:
-        """Return the equations with some of the unknown inputs alone."""
-        return replace(self, unknown=tuple(self.unknown[j] for j in kept))
+    def with_inputs(self, known: Sequence[int], unknown: Sequence[int]) -> Equations:
+        """Return the equations with some of the inputs alone, by index."""
+        if (len(known), len(unknown)) == (len(self.known), len(self.unknown)):
+            return self
+        return replace(self, known=tuple(self.known[i] for i in known), unknown=tuple(self.unknown[j] for j in unknown))
 
 
 def equations_of(

@@ -18,9 +18,10 @@ from flint import arb, nmod_mat
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.places import Place, random_fractions, random_residues
-from obsdesign.rank.elimination import Rank, rank_of
+from obsdesign.rank.elimination import Bound, Rank, rank_of
 from obsdesign.rank.graph import NoValueError
 from obsdesign.rank.numbers import Number
+from obsdesign.rank.residues import bound_of
 from obsdesign.rank.symbols import PRIME
 from obsdesign.rank.taylor import Arguments
 
@@ -55,9 +56,19 @@ class Experiments:
         return tuple(order for _, order, _ in self.labels)
 
     @property
+    def width(self) -> int:
+        """Number of columns of J."""
+        return self.inputs + self.equations.n
+
+    @property
+    def inputs(self) -> int:
+        """Number of columns of J_w, which come first."""
+        return len(self.equations.unknown) * self.orders
+
+    @property
     def eliminated(self) -> int:
         """Number of columns that come first and are no part of the state that is asked for."""
-        return len(self.equations.unknown) * self.orders + self.equations.extra
+        return self.inputs + self.equations.extra
 
     def rows(self) -> list[list[Any]]:
         """Return J at the working precision, its rows by experiment, order, output."""
@@ -78,17 +89,16 @@ class Experiments:
         return rows
 
     def completed(self) -> Experiments:
-        """Return as many experiments as it takes until more of them tell nothing more."""
+        """Return as many experiments as it takes until more of them tell nothing more (modulo the prime)."""
         fewer = self
-        while (more := replace(fewer, count=2 * fewer.count))._span() > fewer._span():
+        while (more := replace(fewer, count=2 * fewer.count))._span > fewer._span:
             fewer = more
         return fewer
 
+    @cached_property
     def _span(self) -> int:
-        """Return rank J."""
-        if self.place.modular:
-            return self._modular_rank(self.orders, slice(None))
-        return self._rank(range(len(self.labels)), 0, confirmed=False).rank
+        """Rank J."""
+        return self._modular_rank(self.orders, slice(None))
 
     # ------------------------------------------------ modulo the prime
 
@@ -102,44 +112,47 @@ class Experiments:
 
     def total(self, order: int) -> int:
         """Return rank J - rank of its part in w, added states included, with derivatives up to the order (modulo the prime)."""
-        inputs = len(self.equations.unknown) * self.orders
-        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(inputs))
+        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.inputs))
 
     def dimension(self, order: int) -> int:
         """Return rank J - rank of its eliminated part, with derivatives up to the order (modulo the prime)."""
         return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.eliminated))
 
+    def bound(self, order: int, eliminated: int | None = None) -> Bound:
+        """Return what the rank of what the rows up to the order tell about the state is at most (modulo the prime).
+
+        eliminated: columns that come first and are not asked about (None: those of inputs and added states).
+        """
+        chosen = [row for row, k in zip(self._residues, self.row_orders, strict=True) if k <= order]
+        return bound_of(chosen, self.width, self.eliminated if eliminated is None else eliminated)
+
     # ------------------------------------------------ in balls
 
-    def rank(self, order: int, *, confirmed: bool = True, at_least: int = 0) -> Rank:
-        """Return the rank of what the rows up to the order tell about the state that is asked for; at_least: what is known of it."""
-        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
-        return self._rank(chosen, self.eliminated, confirmed=confirmed, at_least=at_least)
+    def rank(self, order: int, *, most: Bound | None = None, eliminated: int | None = None) -> Rank:
+        """Return the rank of what the rows up to the order tell about the state that is asked for; most: what it is at most.
 
-    def pattern(self, order: int) -> tuple[int, int]:
-        """Return rank J and what of it is known about the state, with derivatives up to the order."""
+        eliminated: columns that come first and are not asked about (None: those of inputs and added states).
+        """
         chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
-        return self._rank(chosen, 0, confirmed=False).rank, self.rank(order, confirmed=False).rank
+        eliminated = self.eliminated if eliminated is None else eliminated
 
-    def total_rank(self, order: int, *, confirmed: bool = True) -> Rank:
-        """Return the rank of what the rows up to the order tell about the state, added states included."""
-        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
-        return self._rank(chosen, len(self.equations.unknown) * self.orders, confirmed=confirmed)
-
-    def _rank(self, chosen: Sequence[int], eliminated: int, *, confirmed: bool = True, at_least: int = 0) -> Rank:
         def rows() -> list[list[arb]]:
             every = self._ball_rows()
             return [every[i] for i in chosen]
 
-        width = len(self.equations.unknown) * self.orders + self.equations.n
         stages = [self.row_orders[i] for i in chosen]
         try:
-            known = {"confirmed": confirmed, "at_least": at_least, "precisions": self.place.precisions}
-            return rank_of(rows, width - eliminated, eliminated, stages, **known)
+            return rank_of(rows, self.width - eliminated, eliminated, stages, precisions=self.place.precisions, confirmed=False, most=most)
         except NoValueError as error:
             _, order, output = self.labels[chosen[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
             raise NoValueError(error.row, f"{what} at {self.equations.where(self.place)}") from None
+
+    def reaches(self, order: int, most: Bound) -> bool:
+        """Return whether the rows up to the order have the ranks that they have at most; most: bound(order, columns) elsewhere."""
+        bare = replace(most, seen=None)
+        columns = self.width - len(most.seen or ())
+        return self.rank(order, most=bare, eliminated=columns).decided
 
     @cached_property
     def _cache(self) -> dict[int, list[list[Any]]]:

@@ -8,7 +8,6 @@ from typing import Literal
 
 from obsdesign.analysis.growth import Growth
 from obsdesign.analysis.places import Place
-from obsdesign.rank.balls import PRECISIONS
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.symbols import PRIME
 
@@ -40,39 +39,36 @@ class Finding:
     def proof(self, n: int) -> str:
         """Say what was proven and how."""
         caution = ", nearly singular or badly scaled" * (self.rank.smallest_pivot < NEARLY_SINGULAR)
-        pivots = f"pivots down to {self.rank.smallest_pivot:.1e}{caution}"
+        smallest = f"{self.rank.smallest_pivot:.1e}" if self.rank.smallest_pivot else "below 1e-307"
+        pivots = f"pivots down to {smallest}{caution}"
         minor = f": a minor of the gradients excludes 0 in {self.rank.bits}-bit ball arithmetic ({pivots})" if self.dimension else ""
         return f"at least {self.dimension} of {n}{minor}; {self.at_most}"
 
 
 def finding_of(growth: Growth, cap: int | None = None) -> Finding:
-    """Return what a growth to its end says; cap: the dimension for somebody who knows the unknown inputs."""
-    if growth.rank.null_space.shape[1] == 0:
+    """Return what a growth to its end says; cap: the most it can be, the dimension for somebody who knows the unknown inputs."""
+    least, n = growth.rank.rank, growth.rank.null_space.shape[0]
+    if least == n:
         stopped_by, why = "full", "no more is possible"
-    elif not growth.decided:
-        stopped_by, why = "precision", precision_reached()
-    elif growth.dimension == cap:
+    elif least == cap:
         stopped_by, why = "cap", "no more is possible: it is as much if the inputs are known"
+    elif not growth.decided:
+        stopped_by, why = "precision", f"{precision_reached(growth.rank)}, and at most {growth.dimension} {how(growth.rational)}"
     else:
-        stopped_by, why = "criterion", f"no more: derivatives of order {growth.order} add nothing {_how(growth)}"
-    return Finding(growth.rank, growth.place, cut(growth.dimensions), stopped_by, why)
+        stopped_by, why = "criterion", f"no more: derivatives of order {growth.order} add nothing {how(growth.rational)}"
+    ranks = growth.dimensions if growth.dimension == least else (*(each for each in growth.dimensions if each < least), least)
+    return Finding(growth.rank, growth.place, cut(ranks), stopped_by, why)
 
 
-def _how(growth: Growth) -> str:
+def how(rational: bool) -> str:
     """Say how nothing was found to be nothing."""
-    if growth.modular:
-        return f"modulo {PRIME} at a random point"
-    return thin_balls(growth.rank)
+    symbols = "" if rational else ", with symbols for all functions that are not rational"
+    return f"modulo {PRIME} at a random point{symbols}"
 
 
-def thin_balls(rank: Rank) -> str:
-    """Say what was left that counts as 0."""
-    return f"but balls around 0 thinner than 2^-{rank.bits // 2}"
-
-
-def precision_reached() -> str:
+def precision_reached(rank: Rank) -> str:
     """Say that the precision limit was reached."""
-    return f"not decided: {PRECISIONS[-1]} bits do not tell the rest from 0"
+    return f"not decided: {rank.bits} bits do not tell the rest from 0"
 
 
 def cut(ranks: Sequence[int]) -> tuple[int, ...]:

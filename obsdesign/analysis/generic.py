@@ -7,23 +7,27 @@ from dataclasses import replace
 from itertools import islice
 
 import casadi as ca
-from flint import arb
+from flint import nmod
 
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, cut, finding_of
-from obsdesign.analysis.growth import Growth, generic_growth, require_one_piece, require_value
+from obsdesign.analysis.growth import Bounds, generic_growth, growth_modulo
 from obsdesign.analysis.jets import jets_finding
-from obsdesign.analysis.places import Place, Surroundings, modular_place
+from obsdesign.analysis.places import Place, Surroundings
 from obsdesign.analysis.recursion import brackets_leave_rates_alone, recursion
 from obsdesign.analysis.rescaled import Rescaled, rescale
+from obsdesign.analysis.symbolic import residue_place
 from obsdesign.analysis.words import Space, TooLargeError, sweeps
 from obsdesign.errors import InputError
-from obsdesign.rank.elimination import rank_of, values_at
 from obsdesign.rank.graph import NoValueError
+from obsdesign.rank.residues import values_modulo
+from obsdesign.rank.symbols import PRIME
 
 LEVELS = 2
 """Derivatives of the unknown inputs that are taken into the state where the outputs do not give the inputs away."""
+
+_SEEDS = 3
 
 
 def generic_finding(equations: Equations, smooth: bool, around: Surroundings) -> Finding:
@@ -33,18 +37,20 @@ def generic_finding(equations: Equations, smooth: bool, around: Surroundings) ->
     """
     if not equations.unknown:
         return _known(equations, around)
-    growth = generic_growth(equations.with_all_known(), around)
-    cap = growth.dimension if growth.decided else equations.asked
+    known = growth_modulo(equations.with_all_known(), around.seed)
+    cap = min(known.dimension, equations.asked)
+    if not smooth and equations.known:
+        equations = equations.with_inputs(*_felt(equations, known))
+    if not equations.unknown:
+        return _known(equations, around)
     if smooth or not equations.known:
         return finding_of(generic_growth(equations, around), cap)
-    told = equations.with_unknown(_felt(equations, growth)) if growth.decided else equations
-    return _switched(told, cap, around) if told.unknown else _known(told, around)
+    return _switched(equations, cap, around)
 
 
 def cap_of(equations: Equations, around: Surroundings) -> int:
-    """Return the dimension for somebody who knows the unknown inputs; n where that is not decided."""
-    growth = generic_growth(equations.with_all_known(), around)
-    return growth.dimension if growth.decided else equations.asked
+    """Return the dimension for somebody who knows the unknown inputs, at most."""
+    return min(growth_modulo(equations.with_all_known(), around.seed).dimension, equations.asked)
 
 
 def _known(equations: Equations, around: Surroundings) -> Finding:
@@ -52,17 +58,15 @@ def _known(equations: Equations, around: Surroundings) -> Finding:
     finding = finding_of(growth)
     if len(equations.fields) < 2:
         return finding
-    space = Space(equations, _working_place(equations, growth), confirmed=False)
+    space = Space(equations, residue_place(equations, around.seed))
     return _counted(finding, sweeps(space, equations.outputs, equations.fields))
 
 
-def _working_place(equations: Equations, growth: Growth) -> Place:
-    """Return where expressions are evaluated: modulo the prime, if the growth was found there."""
-    return modular_place(equations.n, 0) if growth.modular else growth.place
-
-
 def _counted(finding: Finding, steps: Iterable[int]) -> Finding:
-    """Return the finding with the dimensions of steps that end at its dimension, if these can be counted."""
+    """Return the finding with the dimensions of steps that end at its dimension, if these can be counted.
+
+    Steps that end below it say nothing against it: a minor is proven. Those that go beyond an end that was found do.
+    """
     ranks: list[int] = []
     try:
         for rank in islice(steps, 4 * finding.rank.null_space.shape[0] + 4):
@@ -71,23 +75,26 @@ def _counted(finding: Finding, steps: Iterable[int]) -> Finding:
                 break
     except (TooLargeError, NoValueError, ZeroDivisionError):
         return finding
-    if ranks[-1] == finding.dimension:
-        return replace(finding, ranks=cut(ranks))
-    # two ways of computing the same number differ: nothing is claimed
-    what = f"not decided: Lie derivatives one by one give {ranks[-1]}, all at once {finding.dimension}"
-    return Finding(finding.rank, finding.place, finding.ranks, "stalled", what)
+    if ranks[-1] > finding.dimension and finding.stopped_by in ("criterion", "bound"):
+        what = f"not decided: Lie derivatives one by one give {ranks[-1]}, all at once {finding.dimension}"
+        return Finding(finding.rank, finding.place, finding.ranks, "stalled", what)
+    return replace(finding, ranks=cut(ranks)) if ranks[-1] == finding.dimension else finding
 
 
-def _felt(equations: Equations, cap: Growth) -> list[int]:
-    """Return the unknown inputs that change what is observable to those who know them: the others change no output at all."""
-    experiments = Experiments(equations.with_all_known(), cap.place, cap.order, seed=0)
-    inputs = equations.function(ca.densify(ca.horzcat(*equations.unknown)))
+def _felt(equations: Equations, known: Bounds) -> tuple[list[int], list[int]]:
+    """Return the known and the unknown inputs that change what is observable to those who know them all.
 
-    def effects(column: int) -> list[list[arb]]:
-        values = values_at(inputs, (cap.place.state, equations.values))
-        return [[sum((row[i] * values[i][column] for i in range(equations.n)), arb(0))] for row in experiments.rows()]
-
-    return [j for j in range(len(equations.unknown)) if rank_of(lambda j=j: effects(j), 1).rank]
+    The others change no output at all: what is observable is the same without them.
+    """
+    fields, place = (*equations.known, *equations.unknown), known.place
+    inputs = equations.function(ca.densify(ca.horzcat(*fields)))
+    values = values_modulo(inputs, (place.state, equations.values), place.arithmetic)
+    rows = Experiments(equations.with_all_known(), place, len(known.dimensions) - 1).rows()
+    felt = [
+        j for j in range(len(fields)) if any(sum((row[i] * values[i][j] for i in range(equations.n)), nmod(0, PRIME)) != 0 for row in rows)
+    ]
+    m = len(equations.known)
+    return [j for j in felt if j < m], [j - m for j in felt if j >= m]
 
 
 def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
@@ -112,11 +119,9 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
 
 def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding | None:
     """Return what is observable for a canonic system; None where it is not, or not seen to be."""
-    for place in around.places(equations.extra):
+    for attempt in range(_SEEDS):
+        space = Space(equations, residue_place(equations, around.seed + attempt))
         try:
-            require_value(equations, place)
-            require_one_piece(equations, around, place)
-            space = space_at(equations, place, around)
             rescaled = rescale(space)
             return _canonic(space, rescaled, cap, around) if rescaled else None
         except TooLargeError:
@@ -124,12 +129,6 @@ def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding |
         except (InputError, ZeroDivisionError):
             continue
     return None
-
-
-def space_at(equations: Equations, place: Place, around: Surroundings) -> Space:
-    """Return where expressions are evaluated: modulo the prime if that stands for the generic place."""
-    modular = equations.is_rational and not around.alone
-    return Space(equations, modular_place(equations.n, around.seed) if modular else place)
 
 
 def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -> Finding:
@@ -142,13 +141,12 @@ def _canonic(space: Space, rescaled: Rescaled, cap: int, around: Surroundings) -
     told = generic_growth(rescaled.known_equations(rescaled.switched_rates), around)
     most = min(cap, equations.asked)
     if told.dimension < most:
-        above = generic_growth(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around)
-        most = above.dimension if above.decided else most
+        above = growth_modulo(rescaled.known_equations(rescaled.switched_rates, rescaled.tensor), around.seed)
+        most = min(above.dimension, most)
     if told.dimension == most or not told.decided or brackets_leave_rates_alone(space, rescaled):
         finding = finding_of(told, cap)
     else:
         finding = jets_finding(equations, False, around, most, patience=2 * equations.n + 2, ends=True)
         if finding.decided and finding.dimension == most < min(cap, equations.asked):
             finding = replace(finding, stopped_by="criterion", at_most="no more: the tensor T belongs to the space")
-    counting = replace(space, confirmed=False)
-    return finding if equations.extra else _counted(finding, (kept.numel() for kept in recursion(counting, rescaled)))
+    return finding if equations.extra else _counted(finding, (kept.numel() for kept in recursion(space, rescaled)))

@@ -8,40 +8,48 @@ as the weakly unobservable subspace of the linear time-varying system along the 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import casadi as ca
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.places import Place, Surroundings, modular_place
+from obsdesign.analysis.moderate import moderate
+from obsdesign.analysis.places import Place, Surroundings
+from obsdesign.analysis.symbolic import residue_place
 from obsdesign.errors import InputError
-from obsdesign.rank.elimination import Rank, first_without_value
+from obsdesign.rank.balls import PRECISIONS
+from obsdesign.rank.elimination import Bound, Rank, first_without_value
 from obsdesign.rank.graph import NoValueError
 
 _SEEDS = 5
-_Found = tuple[tuple[int, ...], int]  # dimensions by order, the last total
+_PLACES = 3
+"""At so many real places the rank is looked for that it has modulo the prime."""
 
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """dimensions[k]: of the observable space with derivatives up to order k; rank: of the last, in balls, at `place`.
+    """dimensions[k]: of the observable space with derivatives up to order k, at most.
 
-    total: the last dimension with the added states
-    decided: False where the precision limit was reached; modular: whether the dimensions were found modulo the prime.
+    total: the last dimension with the added states, at most
+    rank: in balls, at `place`: what is proven of the last; rational: whether no function is a symbol.
     """
 
     dimensions: tuple[int, ...]
     total: int
     rank: Rank
     place: Place
-    decided: bool
-    modular: bool
+    rational: bool
+
+    @property
+    def decided(self) -> bool:
+        """Whether as much is proven as there is at most."""
+        return self.rank.decided
 
     @property
     def dimension(self) -> int:
-        """Dimension of the observable space."""
+        """Dimension of the observable space, at most."""
         return self.dimensions[-1]
 
     @property
@@ -61,73 +69,110 @@ def require_value(equations: Equations, place: Place) -> None:
         row = first_without_value(equations.function(expression), (place.state, equations.values))
         if row is not None:
             raise NoValueError(row, f"{labels[row]} at {equations.where(place)}")
+    if equations.piece and not equations.piece.holds(place.state):
+        raise NoValueError(0, f"this piece of the functions at {equations.where(place)}")
 
 
-def generic_growth(equations: Equations, around: Surroundings) -> Growth:
-    """Return the growth at the first of the random places where everything has a value."""
-    seed = around.seed
-    found = _modular_growth(equations, seed) if equations.is_rational and not around.alone else None
+def one_piece(equations: Equations, around: Surroundings) -> Equations:
+    """Return the equations of one piece, where functions have pieces: that of the centre, or of the first random place."""
+    if not equations.has_pieces:
+        return equations
     failure: NoValueError | None = None
-    undecided: Growth | None = None
-    for place in around.places(equations.extra):
+    for place in [around.centre] if around.centre else around.places(equations.extra):
         try:
             require_value(equations, place)
-            require_one_piece(equations, around, place)
-            growth = growth_at(equations, place, seed) if found is None else _confirmed(equations, place, seed, found)
+            return equations.smooth_near(place.state)
         except NoValueError as error:
             failure = error
-            continue
-        if growth.decided or found is None:
-            return growth
-        undecided = undecided or growth
-    if undecided:
-        return undecided
     raise InputError(f"no random point was found in the domain of every function ({failure}): give a point")
 
 
-def require_one_piece(equations: Equations, around: Surroundings, place: Place) -> None:
-    """Raise NoValueError where a kink may lie between the place and the centre of its surroundings.
-
-    A function with pieces has no value in a box that holds one of its kinks.
-    """
-    if around.centre is not None and not around.alone and equations.has_pieces:
-        require_value(equations, around.box(place))
-
-
-def growth_at(equations: Equations, place: Place, seed: int) -> Growth:
-    """Return the growth at a place that is generic (on its orbit), in balls."""
-    dimensions: list[int] = []
-    last = -1
-    for orders in _orders(equations):
-        experiments = Experiments(equations, place, orders, seed=seed)
-        for order in range(len(dimensions), orders + 1):
-            rank, total = ranks_at(experiments, order, confirmed=False)
-            if total.rank == last or rank.rank == equations.asked or not total.decided:
-                rank, total = ranks_at(experiments, order, confirmed=True)
-            dimensions.append(rank.rank)
-            if total.rank == last or rank.rank == equations.asked or not total.decided:
-                return Growth(tuple(dimensions), total.rank, rank, place, rank.decided and total.decided, modular=False)
-            last = total.rank
-    raise AssertionError("the observable space grew more often than it has dimensions")
+def generic_growth(equations: Equations, around: Surroundings) -> Growth:
+    """Return the growth: its end modulo the prime, and what of it is proven at random places where everything has a value."""
+    bounds = growth_modulo(equations, around.seed)
+    best: Growth | None = None
+    for place in _twice(usable_places(equations, around)):
+        growth = bounds.at(equations, place, around.seed)
+        if growth and growth.decided:
+            return growth
+        best = growth if growth and (best is None or growth.rank.rank > best.rank.rank) else best
+    if best is None:
+        raise InputError("no random point was found where all derivatives have a value: give a point")
+    return best
 
 
-def ranks_at(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[Rank, Rank]:
-    """Return the rank of what is known about the state that is asked for, and about that with the added states."""
-    rank = experiments.rank(order, confirmed=confirmed)
-    return rank, experiments.total_rank(order, confirmed=confirmed) if experiments.equations.extra else rank
+def _twice(places: Iterator[Place]) -> Iterator[Place]:
+    """Yield the places with the cheaper precisions, then all of them with the finer ones."""
+    met: list[Place] = []
+    for place in places:
+        met.append(place)
+        yield replace(place, precisions=PRECISIONS[:3])
+    yield from (replace(place, precisions=PRECISIONS[3:]) for place in met)
 
 
-def _modular_growth(equations: Equations, seed: int) -> _Found:
-    """Return the dimensions by order, and the last total, at a random place modulo the prime."""
-    for attempt in range(_SEEDS):
+def usable_places(equations: Equations, around: Surroundings) -> Iterator[Place]:
+    """Yield some of the places around where everything has a value, moved to where no function is saturated; at least one."""
+    failure: NoValueError | None = None
+    found = 0
+    for drawn in around.places(equations.extra):
+        place = moderate(equations, drawn) if around.centre is None else drawn
         try:
-            return _dimensions_modulo(equations, modular_place(equations.n, seed + attempt), seed + attempt)
+            require_value(equations, place)
+        except NoValueError as error:
+            failure = error
+            continue
+        yield place
+        found += 1
+        if found == _PLACES:
+            return
+    if not found:
+        raise InputError(f"no random point was found in the domain of every function ({failure}): give a point")
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """The growth modulo the prime, at `place`: dimensions by order up to the first that adds nothing, the last total and bound.
+
+    All of them are what there is at most. before: the bound of the last order but one, where it is to be reached, too.
+    """
+
+    dimensions: tuple[int, ...]
+    total: int
+    last: Bound
+    before: Bound | None
+    place: Place
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the observable space, at most."""
+        return self.dimensions[-1]
+
+    def at(self, equations: Equations, place: Place, seed: int) -> Growth | None:
+        """Return the growth with what is proven of it at a real place; None where derivatives have no value there."""
+        order = len(self.dimensions) - 1
+        experiments = Experiments(equations, place, order, seed=seed)
+        try:
+            rank = experiments.rank(order, most=self.last)
+            if rank.decided and self.before and rank.null_space.shape[1]:
+                # that the last order adds nothing is proven of the true space if the one before is as large
+                rank = replace(rank, decided=experiments.rank(order - 1, most=self.before).decided)
+        except NoValueError:
+            return None
+        return Growth(self.dimensions, self.total, rank, place, equations.is_rational)
+
+
+def growth_modulo(equations: Equations, seed: int, places: Callable[[int], Place] | None = None) -> Bounds:
+    """Return the growth at a random place modulo the prime; places: those to take by attempt (None: anywhere)."""
+    for attempt in range(_SEEDS):
+        place = places(seed + attempt) if places else residue_place(equations, seed + attempt)
+        try:
+            return _grown(equations, place, seed + attempt)
         except ZeroDivisionError:
             continue
     raise InputError("no random point was found that is no pole of some function: give a point")
 
 
-def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> _Found:
+def _grown(equations: Equations, place: Place, seed: int) -> Bounds:
     dimensions: list[int] = []
     last = 0
     for orders in _orders(equations):
@@ -136,7 +181,9 @@ def _dimensions_modulo(equations: Equations, place: Place, seed: int) -> _Found:
             dimensions.append(experiments.dimension(order))
             total = experiments.total(order)
             if dimensions[-1] == equations.asked or (order > 0 and total == last):
-                return tuple(dimensions), total
+                differences = bool(equations.unknown) and not equations.is_rational and order > 0
+                before = experiments.bound(order - 1) if differences else None
+                return Bounds(tuple(dimensions), total, experiments.bound(order), before, place)
             last = total
     raise AssertionError("the observable space grew more often than it has dimensions")
 
@@ -149,11 +196,3 @@ def _orders(equations: Equations) -> Iterator[int]:
         yield orders
         orders *= 2
     yield limit
-
-
-def _confirmed(equations: Equations, place: Place, seed: int, found: _Found) -> Growth:
-    """Return the growth with its null space at a real place; not decided where balls show another rank there."""
-    dimensions, total = found
-    order = len(dimensions) - 1
-    rank = Experiments(equations, place, order, seed=seed).rank(order, at_least=dimensions[-1])
-    return Growth(dimensions, total, rank, place, decided=rank.decided and rank.rank == dimensions[-1], modular=True)

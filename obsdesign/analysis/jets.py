@@ -13,9 +13,14 @@ from dataclasses import replace
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, cut, precision_reached
-from obsdesign.analysis.places import Place, Surroundings, modular_place
+from obsdesign.analysis.growth import usable_places
+from obsdesign.analysis.places import Place, Surroundings
+from obsdesign.analysis.symbolic import residue_place
+from obsdesign.errors import InputError
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError
+
+_SEEDS = 5
 
 
 def jets_finding(  # noqa: PLR0917
@@ -31,26 +36,38 @@ def jets_finding(  # noqa: PLR0917
 
     patience: so many orders without growth are a standstill (None: n); ends: a standstill proves that there is no more.
     """
-    modular = equations.is_rational and not around.alone
     patience = patience or equations.n
-
-    def look(place: Place) -> tuple[Experiments, tuple[int, ...]]:
-        first = Experiments(equations, place, orders or 2, seed=around.seed)
-        return _followed(first, smooth) if orders else _ended(first, smooth, enough, patience)
-
-    found = look(modular_place(equations.n, around.seed)) if modular else None
-    for place in around.places(equations.extra):
+    experiments, dimensions = _looked(equations, smooth, around.seed, orders, enough, patience)
+    reached = dimensions.index(dimensions[-1])
+    bound = experiments.bound(reached)
+    best: Finding | None = None
+    for place in usable_places(equations, around):
         try:
-            experiments, dimensions = found or look(place)
-            reached = dimensions.index(dimensions[-1])
-            rank = replace(experiments, place=place, orders=reached).rank(reached, at_least=dimensions[-1])
+            rank = replace(experiments, place=place, orders=reached).rank(reached, most=bound)
         except NoValueError:
             continue
         finding = jets_verdict(rank, place, dimensions, enough)
-        if not ends or finding.decided:
+        if rank.decided and ends and not finding.decided:
+            return replace(finding, stopped_by="bound", at_most=f"no more: {patience} = 2n + 2 orders of derivatives add nothing")
+        if rank.decided:
             return finding
-        return replace(finding, stopped_by="bound", at_most=f"no more: {patience} = 2n + 2 orders of derivatives add nothing")
-    raise NoValueError(0, "no random point was found where everything")
+        best = finding if best is None or finding.dimension > best.dimension else best
+    if best is None:
+        raise NoValueError(0, "no random point was found where everything")
+    return best
+
+
+def _looked(
+    equations: Equations, smooth: bool, seed: int, orders: int | None, enough: int, patience: int
+) -> tuple[Experiments, tuple[int, ...]]:
+    """Return the experiments modulo the prime that were followed to the end, and the dimensions by order, at most."""
+    for attempt in range(_SEEDS):
+        first = Experiments(equations, residue_place(equations, seed + attempt), orders or 2, seed=seed)
+        try:
+            return _followed(first, smooth) if orders else _ended(first, smooth, enough, patience)
+        except ZeroDivisionError:
+            continue
+    raise InputError("no random point was found that is no pole of some function: give a point")
 
 
 def _ended(first: Experiments, smooth: bool, enough: int, patience: int) -> tuple[Experiments, tuple[int, ...]]:
@@ -67,27 +84,23 @@ def _ended(first: Experiments, smooth: bool, enough: int, patience: int) -> tupl
 def _followed(first: Experiments, smooth: bool) -> tuple[Experiments, tuple[int, ...]]:
     """Return as many experiments as there is something to learn from, and the dimensions by order."""
     experiments = first.completed() if first.equations.known and not smooth else first
-    last = _dimension(experiments, first.orders)
+    last = experiments.dimension(first.orders)
     dimensions: list[int] = []
     while not dimensions or dimensions[-1] < last:
-        dimensions.append(_dimension(experiments, len(dimensions)))
+        dimensions.append(experiments.dimension(len(dimensions)))
     return experiments, (*dimensions, *[last] * (first.orders + 1 - len(dimensions)))
-
-
-def _dimension(experiments: Experiments, order: int) -> int:
-    return experiments.dimension(order) if experiments.place.modular else experiments.rank(order, confirmed=False).rank
 
 
 def jets_verdict(rank: Rank, place: Place, dimensions: Sequence[int], enough: int) -> Finding:
     """Return the finding that the dimensions by order amount to."""
     n = rank.rank + rank.null_space.shape[1]
     orders = len(dimensions) - 1
-    ranks = cut(dimensions)
-    if not rank.decided:
-        return Finding(rank, place, ranks, "precision", precision_reached())
+    ranks = cut([min(dimension, rank.rank) for dimension in dimensions])
     if rank.rank == n:
         return Finding(rank, place, ranks, "full", "no more is possible")
     if rank.rank >= enough:
         return Finding(rank, place, ranks, "cap", "no more is possible: it is as much if the inputs are known")
+    if not rank.decided:
+        return Finding(rank, place, ranks, "precision", precision_reached(rank))
     what = f"a lower bound: the jets of the unknown inputs were followed to order {orders}, and a higher order may add more"
     return Finding(rank, place, ranks, "stalled", what)

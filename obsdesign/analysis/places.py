@@ -7,6 +7,7 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from flint import arb
@@ -17,8 +18,8 @@ from obsdesign.rank.balls import BALLS, PRECISIONS
 from obsdesign.rank.graph import Arithmetic
 from obsdesign.rank.numbers import Irrational, Number, as_ball, of_pi
 from obsdesign.rank.reading import read
-from obsdesign.rank.residues import RESIDUES
-from obsdesign.rank.symbols import PRIME
+from obsdesign.rank.residues import residues
+from obsdesign.rank.symbols import PRIME, Symbols
 
 # Where random points are looked for: inside the domain of sqrt, log, acos and acosh first. Corners are whole numbers.
 _BOXES = ((0, 1), (-1, 1), (1, 3), (-3, -1), (-100, 100), (0, 1000))
@@ -28,16 +29,24 @@ _NEARNESS = tuple(Fraction(1, 2**k) for k in (10, 20, 30, 50, 80, 120))
 
 @dataclass(frozen=True)
 class Place:
-    """A state (n,): rationals, balls, or whole numbers modulo the prime; precisions: bits that make sense there, tried in turn."""
+    """A state (n,): rationals, balls, or (with symbols for functions) numbers modulo the prime.
+
+    precisions: bits that make sense there, tried in turn.
+    """
 
     state: tuple[Number, ...]
-    modular: bool = False
+    symbols: Symbols | None = None
     precisions: tuple[int, ...] = PRECISIONS
 
     @property
+    def modular(self) -> bool:
+        """Whether it is one modulo the prime."""
+        return self.symbols is not None
+
+    @cached_property
     def arithmetic(self) -> Arithmetic:
         """What to calculate with here."""
-        return RESIDUES if self.modular else BALLS
+        return residues(self.symbols) if self.symbols is not None else BALLS
 
     @property
     def midpoint(self) -> np.ndarray:
@@ -51,11 +60,6 @@ class Place:
     def in_words(self, names: Sequence[str]) -> str:
         """Say where it is."""
         return ", ".join(f"{name} = {float(value):g}" for name, value in zip(names, self.state, strict=True))
-
-
-def modular_place(n: int, seed: int) -> Place:
-    """Return a random state modulo the prime."""
-    return Place(tuple(random_residues(n, seed)), modular=True)
 
 
 def random_residues(count: int, seed: int | str) -> list[int]:
@@ -93,33 +97,21 @@ def random_places(n: int, seed: int) -> Iterator[Place]:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where generic states are looked for: anywhere, or (`centre`) nearer and nearer to a state; or just there (`alone`).
-
-    alone: the centre is itself generic among the states that matter, such as those that can be reached.
-    """
+    """Where generic states are looked for: anywhere, or (`centre`) nearer and nearer to a state."""
 
     n: int
     seed: int
     centre: Place | None = None
-    alone: bool = False
 
     def places(self, extra: int = 0) -> Iterator[Place]:
         """Yield random states (extra + n,)."""
         if self.centre is None:
             yield from random_places(extra + self.n, self.seed)
             return
-        for attempt, radius in enumerate((Fraction(0),) if self.alone else _NEARNESS):
+        for attempt, radius in enumerate(_NEARNESS):
             steps = random_fractions(self.n, f"{self.seed} step {attempt}")
             state = [_moved(value, radius * step) for value, step in zip(self.centre.state, steps, strict=True)]
             yield Place((*random_fractions(extra, f"{self.seed} extra {attempt}"), *state))
-
-    def box(self, place: Place) -> Place:
-        """Return the states between the centre and a place, as balls."""
-        if self.centre is None:
-            return place
-        asked = place.state[len(place.state) - self.n :]
-        between = [as_ball(value).union(as_ball(centre)) for value, centre in zip(asked, self.centre.state, strict=True)]
-        return Place((*place.state[: len(place.state) - self.n], *between))
 
 
 def _moved(value: Number, step: Fraction) -> Number:

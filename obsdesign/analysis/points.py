@@ -1,31 +1,38 @@
 """The observable space at a state that was asked for: there it may be less than nearby.
 
 With known inputs alone the rank of all derivatives is the same at all states that can be reached from one (the flow carries
-them over). So it is found at a state on the way, generic among those, where a step that adds nothing ends it; and proven from
-the state itself. Unknown inputs are first replaced by what the outputs give away of them, where that is regular at the state.
+them over). At least so much is proven from the state itself, or from a state on the way; at most so much by the generic rank, or
+by that on a set that the state cannot leave. Unknown inputs are first replaced by what the outputs give away of them, where that
+is regular at the state.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.finding import Finding, StoppedBy, cut, precision_reached, thin_balls
-from obsdesign.analysis.generic import LEVELS, space_at
-from obsdesign.analysis.growth import generic_growth, growth_at, ranks_at, require_one_piece, require_value
-from obsdesign.analysis.orbit import reachable
+from obsdesign.analysis.finding import Finding, cut, how, precision_reached
+from obsdesign.analysis.generic import LEVELS, cap_of
+from obsdesign.analysis.growth import Bounds, growth_modulo
+from obsdesign.analysis.invariant import growth_on_invariant
+from obsdesign.analysis.orbit import carried_rank
 from obsdesign.analysis.places import Place, Surroundings, random_fractions
 from obsdesign.analysis.rescaled import Rescaled, rescale
+from obsdesign.analysis.symbolic import residue_place, residues_of
 from obsdesign.analysis.words import Space, TooLargeError
 from obsdesign.errors import InputError
-from obsdesign.rank.elimination import Rank
+from obsdesign.rank.balls import PRECISIONS
+from obsdesign.rank.elimination import Bound, Rank
 from obsdesign.rank.graph import NoValueError
 
 ORDERS = 40
 """No higher derivatives than this, or than 2 n + 12, are taken at a state."""
+_FINER = (8192, 16384, 32768, 65536)
+"""Precisions beyond the usual ones, tried where that is cheap."""
+_CHEAP = 4e9
+"""Bits times operations."""
 
 
 def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding, seed: int) -> Finding:
@@ -50,29 +57,54 @@ def jets_at(equations: Equations, smooth: bool, place: Place, seed: int, orders:
 def _cap(equations: Equations, place: Place, seed: int) -> int:
     """Return the dimension at the place for somebody who knows the unknown inputs; n where that is not decided."""
     cap = _known(equations.with_all_known(), place, seed)
-    return cap.dimension if cap.decided else equations.n
+    return cap.dimension if cap.decided else min(equations.asked, cap_of(equations, Surroundings(equations.asked, seed)))
 
 
 def _known(equations: Equations, place: Place, seed: int) -> Finding:
     """Return what is observable at the place with known inputs alone."""
     n = equations.asked
-    nearby = generic_growth(equations, Surroundings(n, seed, _asked(equations, place)))
-    proven = _proven(equations, False, place, nearby.total if nearby.decided else equations.n, seed)
+    nearby = growth_modulo(equations, seed)
+    proven = _proven(equations, False, place, nearby.total, seed)
     rank, ranks = proven.rank, proven.dimensions
-    if rank.rank == n and rank.decided:
+    if rank.rank == n:
         return Finding(rank, place, ranks, "full", "no more is possible")
-    if not rank.decided:
-        return Finding(rank, place, ranks, "precision", precision_reached())
-    total = proven.total
-    if nearby.decided and total == nearby.total:
+    if rank.decided and proven.total == nearby.total:
         return Finding(rank, place, ranks, "cap", "no more is possible: the generic rank is the same")
-    stopped_by, why = _compared(equations, place, rank, total, seed)
-    return Finding(rank, place, ranks, stopped_by, f"{why}; nearby it is {nearby.dimension}")
+    if not rank.decided and proven.at_most > rank.rank:
+        why = f"{precision_reached(rank)}, and at most {proven.at_most} {how(equations.is_rational)}"
+        return Finding(rank, place, ranks, "precision", why)
+    within = growth_on_invariant(equations, place, seed)
+    if within and rank.decided and within.total == proven.total:
+        return Finding(rank, place, ranks, "criterion", f"no more: {_held(equations)}; nearby it is {nearby.dimension}")
+    return _on_the_way(equations, place, proven, nearby, within, seed)
 
 
-def _asked(equations: Equations, place: Place) -> Place:
-    """Return the part of the place without the added states."""
-    return Place(place.state[equations.extra :])
+def _held(equations: Equations) -> str:
+    return f"no solution leaves a set at whose random states no more is seen {how(equations.is_rational)}"
+
+
+def _on_the_way(equations: Equations, place: Place, proven: _Proven, nearby: Bounds, within: Bounds | None, seed: int) -> Finding:
+    """Return what a state on the way shows, where that is as much as there can be."""
+    orders = max(_orders(equations.n))
+    here = f"derivatives up to order {orders} add nothing here"
+    why = f"not decided: {here}; on a set that no solution leaves it is at most {(within or nearby).dimension}"
+    stalled = Finding(proven.rank, place, proven.dimensions, "stalled", why)
+    if equations.extra:
+        return stalled
+    goal = within or nearby
+    most = Bound(goal.dimension, 0, None)
+    rank = carried_rank(equations, place, len(goal.dimensions), proven.count, most, seed)
+    if rank is None or not rank.decided:
+        return stalled
+    if any(seen and not shown for seen, shown in zip(rank.seen, proven.rank.seen, strict=True)) and rank.null_space.shape[1]:
+        return stalled  # a state that seems to be seen by itself is not proven to be
+    ranks = (*proven.dimensions, *[rank.rank] * (proven.dimensions[-1] < rank.rank))
+    shown = "shown by a state on the way, and the flow carries it over"
+    if rank.rank == equations.n:
+        return Finding(rank, place, ranks, "full", f"{shown}; no more is possible")
+    if rank.rank == nearby.dimension:
+        return Finding(rank, place, ranks, "cap", f"{shown}; no more is possible: the generic rank is the same")
+    return Finding(rank, place, ranks, "criterion", f"{shown}; no more: {_held(equations)}; nearby it is {nearby.dimension}")
 
 
 def _by_rescaling(equations: Equations, smooth: bool, place: Place, cap: int, seed: int) -> Finding | None:
@@ -126,18 +158,11 @@ def _regular(equations: Equations, smooth: bool, place: Place, seed: int) -> Res
     """
     if smooth and equations.known:
         return Rescaled(equations, equations.outputs, equations.outputs).regular_at(Space(equations, place))
-    around = Surroundings(equations.asked, seed, _asked(equations, place))
-    for near in around.places(equations.extra):
-        try:
-            require_value(equations, near)
-            require_one_piece(equations, around, near)
-            rescaled = rescale(space_at(equations, near, around), everywhere=True)
-            return rescaled.regular_at(Space(equations, place)) if rescaled else None
-        except TooLargeError:
-            return None
-        except (NoValueError, ZeroDivisionError):
-            continue
-    return None
+    try:
+        rescaled = rescale(Space(equations, residue_place(equations, seed)), everywhere=True)
+        return rescaled.regular_at(Space(equations, place)) if rescaled else None
+    except (TooLargeError, NoValueError, ZeroDivisionError):
+        return None
 
 
 def _by_regularity(equations: Equations, place: Place, cap: int, seed: int) -> Finding | None:
@@ -145,15 +170,18 @@ def _by_regularity(equations: Equations, place: Place, cap: int, seed: int) -> F
 
     The spaces P_k then have the same dimensions at the place as around it, so they end where they do. None where they differ.
     """
-    nearby = generic_growth(equations, Surroundings(equations.n, seed, place))
-    orders = min(nearby.order + 1 + equations.n, ORDERS)
-    here, there = (Experiments(equations, each, orders, seed=seed) for each in (place, nearby.place))
-    if not nearby.decided or any(here.pattern(order) != there.pattern(order) for order in range(orders + 1)):
-        return None
-    rank = here.rank(orders)
+    nearby = growth_modulo(equations, seed)
+    added = len(nearby.dimensions) - 1
+    orders = min(added + 1 + equations.n, ORDERS)
+    here = Experiments(equations, place, orders, seed=seed)
+    there = replace(here, place=nearby.place)
+    for order in range(orders + 1):
+        if not all(here.reaches(order, there.bound(order, columns)) for columns in (0, here.inputs)):
+            return None
+    rank = here.rank(orders, most=replace(here, place=residues_of(equations, place.state)).bound(orders))
     if not rank.decided or rank.rank != nearby.dimension:
         return None
-    why = f"no more: derivatives up to order {orders} have the same ranks here as nearby, where those of order {nearby.order} add nothing"
+    why = f"no more: derivatives up to order {orders} have the same ranks here as nearby, where those of order {added} add nothing"
     return _limited(Finding(rank, place, cut(nearby.dimensions), "cap", why), cap)
 
 
@@ -161,46 +189,68 @@ def _by_jets(equations: Equations, smooth: bool, place: Place, cap: int, seed: i
     """Return the lower bound by derivatives at the place, decided where it is as much as with the inputs known."""
     proven = _proven(equations, smooth, place, cap, seed, orders)
     rank, ranks = proven.rank, proven.dimensions
-    if rank.decided and rank.rank == equations.n:
+    if rank.rank == equations.n:
         return Finding(rank, place, ranks, "full", "no more is possible")
-    if rank.decided and rank.rank == cap:
+    if rank.rank == cap:
         return Finding(rank, place, ranks, "cap", "no more is possible: it is as much if the inputs are known")
     order = orders or max(_orders(equations.n))
     why = f"a lower bound: derivatives were followed to order {order}, and a higher order may add more"
     return Finding(rank, place, ranks, "stalled", f"not decided: {why}")
 
 
-class _Proven(NamedTuple):
-    """The rank at a place, the dimensions by order, and the rank with the added states."""
+@dataclass(frozen=True, eq=False)
+class _Proven:
+    """The rank at a place, the dimensions by order, and the rank with the added states; count: of experiments.
+
+    at_most: what the rank of these derivatives is at most.
+    """
 
     rank: Rank
     dimensions: tuple[int, ...]
     total: int
+    at_most: int
+    count: int
 
 
 def _proven(equations: Equations, smooth: bool, place: Place, goal: int, seed: int, orders: int | None = None) -> _Proven:
-    """Return what derivatives at the place show, up to the first order that reaches the goal."""
-    ranks: list[int] = []
-    rank, total = _ranks_of(Experiments(equations, place, 0, seed=seed), 0, confirmed=True)
-    steps = (orders,) if orders else tuple(_orders(equations.n))
-    for highest in steps:
-        experiments = Experiments(equations, place, highest, seed=seed)
+    """Return what derivatives at the place show, up to the first order that reaches the goal, or else adds nothing."""
+    experiments, dimensions = _followed(equations, smooth, place, goal, seed, orders)
+    order = len(dimensions) - 1
+    real = replace(experiments, place=_finer(equations, place, order), orders=order)
+    same = replace(experiments, orders=order)
+    bound = same.bound(order)
+    rank = real.rank(order, most=bound)
+    total = real.rank(order, most=same.bound(order, same.inputs), eliminated=same.inputs).rank if equations.extra else rank.rank
+    ranks = cut([min(dimension, rank.rank) for dimension in dimensions])
+    return _Proven(rank, ranks, total, bound.rank, experiments.count)
+
+
+def _followed(
+    equations: Equations, smooth: bool, place: Place, goal: int, seed: int, orders: int | None
+) -> tuple[Experiments, tuple[int, ...]]:
+    """Return experiments at the place modulo the prime, and the dimensions that they show by order, to the last that adds something."""
+    there = residues_of(equations, place.state)
+    dimensions: list[int] = []
+    totals: list[int] = []
+    experiments = Experiments(equations, there, 0, seed=seed)
+    for highest in (orders,) if orders else tuple(_orders(equations.n)):
+        experiments = Experiments(equations, there, highest, seed=seed)
         if equations.known and not smooth:
             experiments = experiments.completed()
-        for order in range(len(ranks), highest + 1):
-            rank, total = _ranks_of(experiments, order, confirmed=False)
-            ended = total >= goal or rank.rank == equations.asked or not rank.decided
-            if ended or order == steps[-1]:
-                rank, total = _ranks_of(experiments, order, confirmed=True)
-            ranks.append(rank.rank)
-            if total >= goal or rank.rank == equations.asked or not rank.decided:
-                return _Proven(rank, tuple(ranks), total)
-    return _Proven(rank, cut(ranks), total)
+        for order in range(len(dimensions), highest + 1):
+            dimensions.append(experiments.dimension(order))
+            totals.append(experiments.total(order))
+            if totals[-1] >= goal or dimensions[-1] == equations.asked:
+                return experiments, tuple(dimensions)
+    last = max(each.index(each[-1]) for each in (dimensions, totals))
+    return experiments, tuple(dimensions[: last + 1])
 
 
-def _ranks_of(experiments: Experiments, order: int, *, confirmed: bool) -> tuple[Rank, int]:
-    rank, total = ranks_at(experiments, order, confirmed=confirmed)
-    return rank, total.rank
+def _finer(equations: Equations, place: Place, order: int) -> Place:
+    """Return the place with finer precisions, as far as they are cheap."""
+    n = equations.n
+    operations = (order + 1) ** 2 * (len(equations.flow.steps) + n * n * (n + len(equations.unknown) * order))
+    return replace(place, precisions=(*PRECISIONS, *(bits for bits in _FINER if bits * operations <= _CHEAP)))
 
 
 def _orders(n: int) -> Iterator[int]:
@@ -211,15 +261,3 @@ def _orders(n: int) -> Iterator[int]:
         yield orders
         orders *= 2
     yield limit
-
-
-def _compared(equations: Equations, place: Place, rank: Rank, total: int, seed: int) -> tuple[StoppedBy, str]:
-    """Return whether it is as much at the place as at the states that can be reached from it, and say so."""
-    here = f"derivatives up to order {max(_orders(equations.n))} add nothing here {thin_balls(rank)}"
-    try:
-        along = growth_at(equations, reachable(equations, place, seed), seed)
-    except InputError as error:
-        return "stalled", f"not decided: {here} ({error})"
-    if along.decided and along.total == total:
-        return "criterion", f"no more: {here}, and no more is seen from the states that can be reached from it"
-    return "stalled", f"not decided: {here}, but {along.dimension} is seen from states that can be reached from it"

@@ -16,7 +16,7 @@ from obsdesign.analysis.equations import Equations, equations_of
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding
 from obsdesign.analysis.generic import cap_of, generic_finding
-from obsdesign.analysis.growth import generic_growth, require_value
+from obsdesign.analysis.growth import growth_modulo, one_piece, require_value
 from obsdesign.analysis.hidden import hidden_in_words
 from obsdesign.analysis.jets import jets_finding
 from obsdesign.analysis.places import Place, Surroundings, as_place, origin_of, random_fractions
@@ -27,6 +27,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.rank.exclusive import flint_alone
 from obsdesign.rank.numbers import Meaning
 
 KnownInputs = Literal["any", "smooth"]
@@ -73,10 +74,11 @@ def observability_of(
 ) -> Verdict:
     """Return the verdict for a model, such as some of a system's sensors: `system.model.only(names)`. See `observability`."""
     _require_answerable(model, disturbance, known_inputs, method, orders, seed)
-    asked = augmented(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
-    place = None if at is None else _place(model, asked, at, seed)
-    question = _Question(model, asked, _as_held(held or {}), disturbance, known_inputs, seed, method, orders)
-    return with_doubts(question.answer, place)
+    with flint_alone():
+        asked = augmented(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
+        place = None if at is None else _place(model, asked, at, seed)
+        question = _Question(model, asked, _as_held(held or {}), disturbance, known_inputs, seed, method, orders)
+        return with_doubts(question.answer, place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +113,9 @@ class _Question:
         """Return what was found, and, where a point was asked for, what was found nearby."""
         if place:
             require_value(equations, place)
-            Experiments(equations, place, 2, seed=self.seed).rank(2, confirmed=False)  # raises where a derivative has no value
+            Experiments(equations, place, 2, seed=self.seed).rank(2)  # raises where a derivative has no value
         around = Surroundings(equations.n, self.seed, place)
+        equations = one_piece(equations, around)
         smooth = self.known_inputs == "smooth"
         if self.method == "jets":
             at_place = jets_at(equations, smooth, place, self.seed, self.orders) if place else _jets(equations, smooth, around, self.orders)
@@ -126,7 +129,8 @@ class _Question:
         """Say whether one degree more adds as many dimensions as there are unknown inputs: the step of Belo's induction."""
         unknown = len(self.model.unknown_inputs)
         higher = equations_of(augmented(self.model, disturbance.degree + 1), self.held)
-        added = generic_growth(higher, Surroundings(higher.n, self.seed)).dimension - finding.dimension
+        higher = one_piece(higher, Surroundings(higher.n, self.seed))
+        added = growth_modulo(higher, self.seed).dimension - finding.dimension
         holds = "holds" if added == unknown else "does not hold"
         return f"one degree more adds {added} for {unknown} unknown input{'s' * (unknown > 1)}: the induction step {holds}"
 

@@ -26,7 +26,7 @@ def recursion(space: Space, rescaled: Rescaled) -> Iterator[ca.SX]:
         found = ca.vertcat(space.derived(latest, rescaled.moving_fields), space.derived(rescaled.chosen, level))
         level = next(levels)
         every = ca.vertcat(kept, found)
-        chosen = space.telling(every).chosen if found.numel() else tuple(range(kept.numel()))
+        chosen = space.telling(every) if found.numel() else tuple(range(kept.numel()))
         latest = every[[i for i in chosen if i >= kept.numel()]] if len(chosen) > kept.numel() else ca.SX(0, 1)
         kept = ca.vertcat(kept, latest)
 
@@ -53,7 +53,7 @@ def brackets_leave_rates_alone(space: Space, rescaled: Rescaled) -> bool:
             if not all(space.vanishes(rescaled.change_of_rates(field)) for field in level):
                 return False
             span = ca.horzcat(span, *level)
-            grown = len(space.independent(ca.densify(span)).chosen) if span.shape[1] else 0
+            grown = len(space.independent(ca.densify(span))) if span.shape[1] else 0
             if grown == rank:
                 return True
             rank = grown

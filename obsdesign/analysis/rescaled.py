@@ -101,7 +101,7 @@ class Rescaled:
     def regular_at(self, space: Space) -> Rescaled | None:
         """Return the system rescaled by functions whose M is invertible at the place, if there are such."""
         entered = _entered(self.equations, self.functions)
-        chosen = space.independent(ca.densify(entered)).chosen
+        chosen = space.independent(ca.densify(entered))
         return replace(self, chosen=self.functions[list(chosen)]) if len(chosen) == entered.shape[1] else None
 
 
@@ -112,17 +112,17 @@ def rescale(space: Space, *, everywhere: bool = False) -> Rescaled | None:
     everywhere: not at generic states alone. Raises TooLargeError.
     """
     equations = space.equations
-    functions = equations.outputs[list(space.telling(equations.outputs).chosen)]
+    functions = equations.outputs[list(space.telling(equations.outputs))]
     latest, waiting = functions, functions
     while True:
         entered = _entered(equations, functions)
-        chosen = space.independent(ca.densify(entered)).chosen
+        chosen = space.independent(ca.densify(entered))
         if len(chosen) == entered.shape[1]:
             return Rescaled(equations, functions, functions[list(chosen)])
         rates, waiting = _told_rates(space, functions, functions[list(chosen)], waiting, everywhere)
         found = ca.vertcat(space.derived(latest, equations.known), rates)
         every = ca.vertcat(functions, found)
-        kept = space.telling(every).chosen
+        kept = space.telling(every)
         if len(kept) == functions.numel():
             return None
         latest = every[[i for i in kept if i >= functions.numel()]]
@@ -142,14 +142,14 @@ def _told_rates(space: Space, functions: ca.SX, chosen: ca.SX, waiting: ca.SX, e
     """
     equations, drift = space.equations, space.equations.drift
     M = _entered(equations, chosen)
-    columns = list(space.independent(ca.densify(M.T)).chosen) if chosen.numel() else []
+    columns = list(space.independent(ca.densify(M.T))) if chosen.numel() else []
     rates, still = ca.SX(0, 1), ca.SX(0, 1)
     for s in ca.vertsplit(waiting) if waiting.numel() else []:
         rate = lie_derivative(s, equations.x, drift)
         if columns:
             lam = ca.cse(_entered(equations, s)[:, columns] @ ca.inv_minor(M[:, columns]))
             known = ca.SX(0, 1) if everywhere else functions
-            told = len(space.telling(ca.vertcat(known, lam.T)).chosen) == known.numel()
+            told = len(space.telling(ca.vertcat(known, lam.T))) == known.numel()
             rate = rate - lam @ lie_derivative(chosen, equations.x, drift)
         else:
             told = True

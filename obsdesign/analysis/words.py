@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import casadi as ca
 
@@ -22,38 +21,30 @@ class TooLargeError(Exception):
     """An expression has more than NODES nodes."""
 
 
-class Rows(NamedTuple):
-    """The first independent rows of a matrix at a place, by index; not decided where the precision limit was reached."""
-
-    chosen: tuple[int, ...]
-    decided: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Space:
-    """Functions of the state and where to evaluate them; confirmed: what counts as 0 is confirmed at a high precision."""
+    """Functions of the state and where to evaluate them.
+
+    At a place modulo the prime what is dependent is so by proof; at a real one what is independent.
+    """
 
     equations: Equations
     place: Place
-    confirmed: bool = True
 
-    def independent(self, matrix: ca.SX, stages: Sequence[int] | None = None) -> Rows:
-        """Return independent rows of the matrix at the place, those of a lower stage first. Raises TooLargeError, NoValueError."""
+    def independent(self, matrix: ca.SX) -> tuple[int, ...]:
+        """Return the first independent rows of the matrix at the place. Raises TooLargeError, NoValueError."""
         if ca.n_nodes(matrix) > 4 * NODES:
             raise TooLargeError
         matrix = ca.cse(matrix)
         if ca.n_nodes(matrix) > NODES:
             raise TooLargeError
-        function = self.equations.function(matrix)
+        function, arguments = self.equations.function(matrix), (self.place.state, self.equations.values)
         if self.place.modular:
-            values = values_modulo(function, (self.place.state, self.equations.values))
-            order = sorted(range(len(values)), key=lambda i: stages[i] if stages else 0)
-            chosen = independent_rows([values[i] for i in order])
-            return Rows(tuple(sorted(order[i] for i in chosen)), True)
-        rank = rank_at(function, (self.place.state, self.equations.values), stages or range(matrix.shape[0]), confirmed=self.confirmed)
-        return Rows(tuple(sorted(rank.rows)), rank.decided or rank.rank == matrix.shape[1])
+            return independent_rows(values_modulo(function, arguments, self.place.arithmetic))
+        rank = rank_at(function, arguments, range(matrix.shape[0]), confirmed=False)
+        return tuple(sorted(rank.rows))
 
-    def telling(self, functions: ca.SX) -> Rows:
+    def telling(self, functions: ca.SX) -> tuple[int, ...]:
         """Return the first of the functions (k, 1) whose gradients are independent; earlier ones are preferred."""
         return self.independent(ca.jacobian(functions, self.equations.x))
 
@@ -62,7 +53,7 @@ class Space:
         column = ca.vec(expression)
         if column.nnz() == 0 or column.is_zero():
             return True
-        return not self.independent(ca.densify(column)).chosen
+        return not self.independent(ca.densify(column))
 
     def derived(self, functions: ca.SX, fields: Sequence[ca.SX]) -> ca.SX:
         """Return the Lie derivatives of the functions along every field, without repetitions and constants."""
@@ -83,12 +74,12 @@ def sweeps(space: Space, functions: ca.SX, fields: Sequence[ca.SX]) -> Iterator[
 
     A sweep derives only what the last one found: the rest adds nothing, the codistribution being a module over functions.
     """
-    kept = functions[list(space.telling(functions).chosen)]
+    kept = functions[list(space.telling(functions))]
     latest = kept
     while True:
         yield kept.numel()
         found = space.derived(latest, fields)
         every = ca.vertcat(kept, found)
-        chosen = space.telling(every).chosen if found.numel() else tuple(range(kept.numel()))
+        chosen = space.telling(every) if found.numel() else tuple(range(kept.numel()))
         latest = every[[i for i in chosen if i >= kept.numel()]] if len(chosen) > kept.numel() else ca.SX(0, 1)
         kept = ca.vertcat(kept, latest)

@@ -76,7 +76,14 @@ def _power(a: Ball, b: Ball) -> Ball:
 
 
 def _whole_power(a: Ball, exponent: int) -> Ball:
-    return a**exponent if exponent >= 0 else _quotient(arb(1), a**-exponent)
+    if exponent < 0:
+        return _quotient(arb(1), _whole_power(a, -exponent))
+    if isinstance(a, arb):
+        return a**exponent
+    power, square = arb_series([1]), a  # flint takes logarithms, which balls around 0 have none of
+    while exponent:
+        power, square, exponent = (power * square if exponent % 2 else power), square * square, exponent // 2
+    return power
 
 
 def _by_method(name: str) -> Callable[[Ball], Ball]:

@@ -49,6 +49,16 @@ def symbolise(x: ca.SX, expression: ca.SX, meaning: Callable[[float], Meaning], 
     return Symbolised(ca.reshape(ca.vertcat(*entries), *expression.shape), symbols, tuple(table.symbols), tuple(sorted(table.read.items())))
 
 
+@dataclass(frozen=True)
+class Node:
+    """An operation on expressions: one more node of the graph."""
+
+    operation: int
+
+    def __call__(self, a: ca.SX, b: ca.SX | None = None) -> ca.SX:
+        return ca.SX.unary(self.operation, a) if b is None else ca.SX.binary(self.operation, a, b)
+
+
 @dataclass(frozen=True, eq=False)
 class _Node:
     """The value expression + turns pi; turns is a multiple of 1/12, factor the number that it is, if it is one."""

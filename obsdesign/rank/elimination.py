@@ -1,4 +1,4 @@
-"""Ranks in ball arithmetic: at least r because an r x r minor's ball excludes 0, at most r as far as the precision reaches."""
+"""Ranks in ball arithmetic: at least r because an r x r minor's ball excludes 0. At most r is proven elsewhere: see `Bound`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,20 @@ from obsdesign.rank.graph import Instruction, NoValueError, evaluate, instructio
 from obsdesign.rank.numbers import Number, as_ball
 
 Rows = list[list[arb]]
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What the rank of a matrix (m, eliminated + n) is at most, by proof.
+
+    rank: of what goes beyond the eliminated columns, if these have rank `eliminated`, which is the most that they can have;
+    seen: for each of the n columns whether its unit covector is a combination of rows, if both ranks are reached; None where
+    that is not asked.
+    """
+
+    rank: int
+    eliminated: int
+    seen: tuple[bool, ...] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +77,14 @@ def rank_of(
     stages: Sequence[int] | None = None,
     *,
     confirmed: bool = True,
-    at_least: int = 0,
     precisions: Sequence[int] = PRECISIONS,
+    most: Bound | None = None,
 ) -> Rank:
     """Return the rank of rows (m, eliminated + n) that are made anew at each precision, as far as it goes beyond `eliminated` columns.
 
     It is the rank of the combinations of rows in which the first `eliminated` columns vanish: of those in the other n columns.
-    confirmed: whatever counts as 0 must do so at CONFIRMING bits; at_least: what is known of the rank; precisions: bits, tried in turn.
+    most: what it is at most, by proof; it is decided where it is that, and undecided where it comes out as more, or less.
+    Without one, what counts as 0 is thin, and (confirmed) must be so at CONFIRMING bits. precisions: bits, tried in turn.
     Raises NoValueError where a row has no finite value at any precision.
     """
     rank, failed, least_bits = None, [], 0
@@ -79,15 +94,17 @@ def rank_of(
         with flint.ctx.workprec(bits):
             rows = rows_at_precision()
             failed = [i for i, row in enumerate(rows) if not all(is_finite(entry) for entry in row)]
-            rank = None if failed else _beyond(rows, eliminated, n, stages)
-        if rank is None or not rank.decided or rank.rank < at_least:
+            rank = None if failed else _beyond(rows, eliminated, n, stages, most)
+        if rank is None or not rank.decided:
+            if rank and most and rank.rank > most.rank:
+                break
             continue
-        if not confirmed or bits >= CONFIRMING or (rank.rank == n and not eliminated):
+        if most or not confirmed or bits >= CONFIRMING or (rank.rank == n and not eliminated):
             break
         least_bits = CONFIRMING
     if rank is None:
         raise NoValueError(failed[0], f"row {failed[0]} of the matrix")
-    return rank if rank.rank >= at_least else replace(rank, decided=False)
+    return rank
 
 
 def values_at(matrix: ca.Function, arguments: Sequence[Sequence[Number]], graph: Sequence[Instruction] | None = None) -> Rows:
@@ -113,21 +130,28 @@ def first_without_value(matrix: ca.Function, arguments: Sequence[Sequence[Number
     return failed[0]
 
 
-def _beyond(rows: Rows, eliminated: int, n: int, stages: Sequence[int] | None) -> Rank:
+def _beyond(rows: Rows, eliminated: int, n: int, stages: Sequence[int] | None, most: Bound | None) -> Rank:
     stages = stages or [0] * len(rows)
     if not eliminated:
-        return _eliminate(rows, n, stages)
+        return _eliminate(rows, n, stages, most)
     # numbers are scaled before the first elimination: rows by their size, so that thin means the same for all
     rows = [_scaled(row, [_exponent(row)] * len(row)) for row in rows]
     reduced, pivots, _ = _reduced(rows, range(eliminated), [0] * len(rows))
     left = [i for i in range(len(rows)) if i not in pivots.values()]
-    kept = [i for i in left if all(entry.abs_upper() <= _thin() for entry in reduced[i][:eliminated])]
-    rank = _eliminate([reduced[i][eliminated:] for i in kept], n, [stages[i] for i in kept])
+    all_entered = most is not None and len(pivots) == most.eliminated  # what is left of these columns is 0, by proof
+    kept = [i for i in left if all_entered or _is_free(reduced[i][:eliminated], exactly=most is not None)]
+    rank = _eliminate([reduced[i][eliminated:] for i in kept], n, [stages[i] for i in kept], most)
     # a row that is not told to be free of the eliminated columns tells nothing
-    return replace(rank, decided=rank.decided and kept == left, rows=tuple(kept[i] for i in rank.rows))
+    decided = rank.decided and (kept == left or rank.rank == n)
+    return replace(rank, decided=decided, rows=tuple(kept[i] for i in rank.rows))
 
 
-def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:
+def _is_free(entries: Sequence[arb], *, exactly: bool) -> bool:
+    """Return whether the entries are 0: exactly, or as far as the precision reaches."""
+    return all(entry.is_zero() for entry in entries) if exactly else all(entry.abs_upper() <= _thin() for entry in entries)
+
+
+def _eliminate(rows: Rows, n: int, stages: Sequence[int], most: Bound | None) -> Rank:
     """Gauss-Jordan elimination with full pivoting within each stage, on rows and columns scaled by powers of 2."""
     rows = [_scaled(row, [_exponent(row)] * n) for row in rows]
     widths = [_exponent([row[j] for row in rows]) for j in range(n)]
@@ -135,15 +159,17 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int]) -> Rank:
     free = [j for j in range(n) if j not in pivots]
     left = [rows[i][j].abs_upper() for i in range(len(rows)) if i not in pivots.values() for j in free]
     zeros = [rows[i][j].abs_upper() for i in pivots.values() for j in free if 0 in rows[i][j]]
+    seen = tuple(j in pivots and all(0 in rows[pivots[j]][k] for k in free) for j in range(n))
+    proven = most is None or not free or (len(pivots) == most.rank and most.seen in (None, seen))
     return Rank(
         rank=len(pivots),
-        decided=all(size <= _thin() for size in left + zeros),
+        decided=proven and all(size <= _thin() for size in (zeros if most else left + zeros)),
         bits=flint.ctx.prec,
         smallest_pivot=smallest,
         largest_remainder=max(map(float, left), default=0.0),
         rows=tuple(pivots.values()),
         columns=tuple(pivots),
-        seen=tuple(j in pivots and all(0 in rows[pivots[j]][k] for k in free) for j in range(n)),
+        seen=seen,
         null_space=_orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
     )
 

@@ -221,8 +221,8 @@ class Formal:
     @staticmethod
     def _by_rate(what: str, divisor: Callable[[Residue], Residue]) -> Callable[[Residue], Residue]:
         def function(a: Residue) -> Residue:
-            start = nmod(odd(what, _start(a)), PRIME)
-            return start if _is_constant(a) else start + _over(a, divisor(a))
+            start, size = nmod(odd(what, _start(a)), PRIME), divisor(a)  # raises where there is no smooth value
+            return start if _is_constant(a) else start + _over(a, size)
 
         return function
 

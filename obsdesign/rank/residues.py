@@ -9,6 +9,7 @@ import casadi as ca
 from flint import nmod, nmod_mat, nmod_poly
 
 from obsdesign.rank.balls import IRRATIONAL
+from obsdesign.rank.elimination import Bound
 from obsdesign.rank.formal import Formal
 from obsdesign.rank.graph import Arithmetic, evaluate, instructions, require_short
 from obsdesign.rank.numbers import Number, as_residue
@@ -50,6 +51,22 @@ def independent_rows(rows: Sequence[Sequence[nmod]]) -> tuple[int, ...]:
     columns = nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME).transpose()
     reduced, rank = columns.rref()
     return tuple(next(j for j in range(len(rows)) if reduced[i, j] != 0) for i in range(rank))
+
+
+def bound_of(rows: Sequence[Sequence[nmod]], width: int, eliminated: int) -> Bound:
+    """Return what the rank of rows (m, width) is beyond the eliminated columns, and which unit covectors are combinations of rows.
+
+    In the reduced echelon form that is a column with a pivot whose row has no other entry.
+    """
+    n = width - eliminated
+    if not rows:
+        return Bound(0, 0, (False,) * n)
+    reduced, rank = nmod_mat(len(rows), width, [entry for row in rows for entry in row], PRIME).rref()
+    echelon = reduced.tolist()[:rank]
+    pivots = [next(j for j in range(width) if row[j] != 0) for row in echelon]
+    alone = {pivot for row, pivot in zip(echelon, pivots, strict=True) if all(row[j] == 0 for j in range(pivot + 1, width))}
+    entered = sum(pivot < eliminated for pivot in pivots)
+    return Bound(rank - entered, entered, tuple(eliminated + j in alone for j in range(n)))
 
 
 def values_modulo(function: ca.Function, arguments: Sequence[Sequence[Number]], arithmetic: Arithmetic = RESIDUES) -> list[list[nmod]]:

@@ -29,6 +29,13 @@ _SMALL = 2**20
 class NoSquareError(ZeroDivisionError):
     """A root is asked for of a number that has none modulo the prime."""
 
+    def __init__(self, number: int) -> None:
+        super().__init__(f"{number} has no square root modulo the prime")
+        self.number = number
+
+    def __reduce__(self) -> tuple[type, tuple[int]]:
+        return type(self), (self.number,)
+
 
 def drawn(what: str, *key: int) -> int:
     """Return a number in [1, prime), the same for the same arguments, otherwise as if drawn at random."""
@@ -65,6 +72,8 @@ class Symbols:
             return 1
         if a in self.logarithms:
             return self.logarithms[a]
+        if PRIME - a in self.logarithms:
+            return pow(self.logarithms[PRIME - a], -1, PRIME)
         if a in self.sums:
             value = 1
             for part, multiple in self.sums[a]:
@@ -80,6 +89,9 @@ class Symbols:
             return _multiples()[a]
         if a in self.angles:
             return self.angles[a]
+        if PRIME - a in self.angles:
+            cosine, sine = self.angles[PRIME - a]
+            return cosine, -sine % PRIME
         if a in self.sums:
             value = (1, 0)
             for part, multiple in self.sums[a]:
@@ -114,7 +126,7 @@ class Symbols:
             return PRIME - root if not _is_small(root) and _is_small(PRIME - root) else root
         if self.free:
             return drawn("sqrt", a)
-        raise NoSquareError(f"{a} has no square root modulo the prime")
+        raise NoSquareError(a)
 
     def power(self, a: int, b: int) -> int:
         """a^b: exact for whole and half-whole b, a^(b - k) a^k = a^b for whole k. Raises ZeroDivisionError at a = 0."""

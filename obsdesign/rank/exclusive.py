@@ -1,0 +1,30 @@
+"""One verdict at a time: flint keeps its precision, and the length of its series, for the process and not for a thread."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import RLock
+
+import flint
+
+_TURN = RLock()
+"""Held by the thread that uses flint; it may take it again. A fork waits for it, so no child is born in the middle of a verdict."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_TURN.acquire, after_in_parent=_TURN.release, after_in_child=_TURN.release)
+
+_BITS, _TERMS = 53, 10
+"""Flint's own settings."""
+
+
+@contextmanager
+def flint_alone() -> Iterator[None]:
+    """Have flint to oneself: other threads wait, its settings are its own at the start and restored at the end."""
+    with _TURN:
+        bits, terms = flint.ctx.prec, flint.ctx.cap
+        flint.ctx.prec, flint.ctx.cap = _BITS, _TERMS
+        try:
+            yield
+        finally:
+            flint.ctx.prec, flint.ctx.cap = bits, terms
