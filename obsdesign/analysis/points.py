@@ -94,10 +94,11 @@ def _on_the_way(equations: Equations, place: Place, proven: _Proven, nearby: Bou
     goal = within or nearby
     most = Bound(goal.dimension, 0, None)
     rank = carried_rank(equations, place, len(goal.dimensions), proven.count, most, seed)
-    if rank is None or not rank.decided:
+    if rank is None or rank.rank < proven.rank.rank:
         return stalled
-    if any(seen and not shown for seen, shown in zip(rank.seen, proven.rank.seen, strict=True)) and rank.null_space.shape[1]:
-        return stalled  # a state that seems to be seen by itself is not proven to be
+    shown_too = rank.exact or all(shown for seen, shown in zip(rank.seen, proven.rank.seen, strict=True) if seen)
+    if not rank.decided or not shown_too:  # what seems to be seen by itself is to be proven to be
+        return replace(stalled, rank=rank)
     ranks = (*proven.dimensions, *[rank.rank] * (proven.dimensions[-1] < rank.rank))
     shown = "shown by a state on the way, and the flow carries it over"
     if rank.rank == equations.n:

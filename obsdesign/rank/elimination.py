@@ -37,7 +37,8 @@ class Rank:
     """Rank of a matrix (m, n) at a point: at least `rank` by proof; where not `decided`, perhaps more.
 
     bits: precision used; rows, columns: of the pivots, in order; seen: for every column whether its unit covector is in the
-    row space; null_space (n, n - rank): orthonormal basis of what the pivots' rows annihilate, a row of it 0 where seen;
+    row space; exact: whether that is so because entries are exactly 0; null_space (n, n - rank): orthonormal basis of what the
+    pivots' rows annihilate, a row of it 0 where seen;
     smallest_pivot, largest_remainder: what was told from 0 and what was not, relative to rows and columns scaled to 1.
     """
 
@@ -49,6 +50,7 @@ class Rank:
     rows: tuple[int, ...]
     columns: tuple[int, ...]
     seen: tuple[bool, ...]
+    exact: bool
     null_space: np.ndarray
 
 
@@ -170,6 +172,7 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int], most: Bound | None) ->
         rows=tuple(pivots.values()),
         columns=tuple(pivots),
         seen=seen,
+        exact=all(size.is_zero() for size in zeros),
         null_space=_orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
     )
 
