@@ -105,9 +105,13 @@ class Scan:
     bit, so that nothing depends on when. May be called from several threads.
     """
 
-    def __init__(self, carry: ca.SX, rows: Sequence[ca.SX], carry_next: ca.SX, results: Sequence[ca.SX | Spread] = ()) -> None:
+    def __init__(
+        self, carry: ca.SX, rows: Sequence[ca.SX], carry_next: ca.SX, results: Sequence[ca.SX | Spread] = (), shared: bool = True
+    ) -> None:
+        """Shared: look for what is computed twice; for a graph of hundreds of thousands of operations that takes seconds."""
         plain = [each.column if isinstance(each, Spread) else each for each in results]
-        outputs = ca.cse([ca.densify(carry_next), *map(ca.densify, plain)])
+        dense = [ca.densify(carry_next), *map(ca.densify, plain)]
+        outputs = ca.cse(dense) if shared else dense
         self._function = ca.Function(_NAME, [carry, *rows], outputs)
         self._indices = tuple(each.index if isinstance(each, Spread) else None for each in results)
         self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))

@@ -11,6 +11,8 @@ from obsdesign.design.recursion import Recursion
 from obsdesign.packing import packed, symmetric
 from obsdesign.scan import Scan, Spread
 
+_LARGE = 36  # entries of z above which products of matrices take less time than the graph that they would make
+
 
 @dataclass(frozen=True, eq=False)
 class Along:
@@ -60,11 +62,12 @@ class Variation:
         one = self._one = recursion
         self.n, self.c, self.m = n, one.z.numel(), one.u.numel()
         self.b = one.gain.numel()
+        self._is_large = self.c > _LARGE
         self._forward = Scan(one.z, [one.u, one.due], one.z_next, [one.gain])
         parts = (ca.jacobian(one.z_next, one.z), ca.jacobian(one.z_next, one.u), ca.jacobian(one.gain, one.z))
         empty = ca.SX(0, 1)
-        self._linear = Scan(empty, [one.z, one.u, one.due], empty, [_spread(part) for part in parts])
-        self._backward = self._second_order()
+        self._linear = Scan(empty, [one.z, one.u, one.due], empty, [_spread(part) for part in parts], shared=not self._is_large)
+        self._backward = self._bends() if self._is_large else self._second_order()
 
     def along(self, starts: np.ndarray, u: np.ndarray, due: np.ndarray) -> tuple[Along, np.ndarray]:
         """Walk from states (M, n) with inputs (N, m) or (M, N, m); return the walk and the sums of the gains (M, b)."""
@@ -87,28 +90,49 @@ class Variation:
         """Return second derivatives of sum_k weights' gain_k, weights (M, b), plus what is injected at the nodes."""
         runs, steps, n, v = *along.u.shape[:2], self.n, self.n + self.m
         g, H = (np.zeros((runs, steps + 1, v)), np.zeros((runs, steps + 1, v, v))) if injected is None else (injected.g, injected.H)
-        lower = np.triu_indices(v)
         rows = [
             along.z[:, -2::-1],
             along.u[:, ::-1],
             along.due[..., ::-1, :],
             np.repeat(weights[:, None], steps, axis=1),
             g[:, -2::-1],
-            H[:, -2::-1, lower[1], lower[0]],
         ]
-        state = np.zeros((runs, self.c, self.c))
-        state[:, : self.n, : self.n] = H[:, -1, : self.n, : self.n]
-        inner = np.triu_indices(self.c)
-        end = np.hstack([g[:, -1, : self.n], np.zeros((runs, self.c - self.n)), state[:, inner[1], inner[0]]])
-        run = self._backward.run(end, rows, steps, carries=False)
-        shape = (runs, steps)
-        K, R, slope = (values[:, ::-1] for values in run.results)
-        K, R, slope = K.reshape(*shape, self.m, self.c).copy(), R.reshape(*shape, self.m, self.m).copy(), slope.copy()
+        slopes = np.hstack([g[:, -1, :n], np.zeros((runs, self.c - n))])
+        K, R, slope, first, start = self._in_matrices(along, rows, slopes, H) if self._is_large else self._as_graph(rows, slopes, H)
         if g[:, -1, n:].any() or H[:, -1, n:].any():
             self._add_last(along, g[:, -1], H[:, -1], (K[:, -1], R[:, -1], slope[:, -1]))
+        return Second(K, R, slope, first, start)
+
+    def _as_graph(self, rows: list[np.ndarray], slopes: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return K, R, slope, first and start of `Second`, all in one loop."""
+        lower, inner, runs, steps = np.triu_indices(self.n + self.m), np.triu_indices(self.c), len(H), H.shape[1] - 1
+        end = np.hstack([slopes, self._last(H)[:, inner[1], inner[0]]])
+        run = self._backward.run(end, [*rows, H[:, -2::-1, lower[1], lower[0]]], steps, carries=False)
+        K, R, slope = (values[:, ::-1].copy() for values in run.results)
         start = np.zeros((runs, self.c, self.c))
         start[:, inner[1], inner[0]] = start[:, inner[0], inner[1]] = run.carry[:, self.c :]
-        return Second(K, R, slope, run.carry[:, : self.c], start)
+        shape = (runs, steps, self.m)
+        return K.reshape(*shape, self.c), R.reshape(*shape, self.m), slope, run.carry[:, : self.c], start
+
+    def _in_matrices(self, along: Along, rows: list[np.ndarray], slopes: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the same, the products with P as those of matrices."""
+        (runs, steps), c, size = along.u.shape[:2], self.c, self.c + self.m
+        run = self._backward.run(slopes, rows, steps, carries=False)
+        bends, slope = (values[:, ::-1].copy() for values in run.results)
+        bends = bends.reshape(runs, steps, size, size)
+        place, linear, P = np.array([*range(self.n), *range(c, size)]), self.linear(along), self._last(H)
+        bends[:, :, place[:, None], place] += H[:, :-1]
+        for k in reversed(range(steps)):
+            moves = np.concatenate([linear.A[:, k], linear.B[:, k]], axis=2)
+            bends[:, k] += moves.swapaxes(1, 2) @ P @ moves
+            P = bends[:, k, :c, :c]
+        return bends[:, :, c:, :c], bends[:, :, c:, c:], slope, run.carry, P
+
+    def _last(self, H: np.ndarray) -> np.ndarray:
+        """P (M, c, c) at the last node."""
+        P = np.zeros((len(H), self.c, self.c))
+        P[:, : self.n, : self.n] = H[:, -1, : self.n, : self.n]
+        return P
 
     def _add_last(self, along: Along, g: np.ndarray, H: np.ndarray, into: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Add what depends on the last inputs at the last node, where dx_N = A dz_N-1 + B du_N-1, to K, R and slope of the last step."""
@@ -144,6 +168,15 @@ class Variation:
         carry_next = ca.vertcat(slope[:c], packed(P_now))
         results = [ca.vec(K.T), ca.vec(R), slope[c:]]
         return Scan(ca.vertcat(later, entries), [one.z, one.u, one.due, weights, g, spots], carry_next, results)
+
+    def _bends(self) -> Scan:
+        """lambda_k+1 -> lambda_k; results: the Hessian of weights' gain + lambda' z_next to (z, u), without the products with P."""
+        one, n = self._one, self.n
+        later, weights, g = ca.SX.sym("lambda", self.c), ca.SX.sym("weights", self.b), ca.SX.sym("g", n + self.m)
+        bend, slope = ca.hessian(ca.dot(weights, one.gain) + ca.dot(later, one.z_next), ca.vertcat(one.z, one.u))
+        slope = ca.densify(slope)
+        slope[[*range(n), *range(self.c, self.c + self.m)]] += g
+        return Scan(later, [one.z, one.u, one.due, weights, g], slope[: self.c], [_spread(bend), slope[self.c :]], shared=False)
 
 
 def carried(linear: Linear, first: np.ndarray, M: np.ndarray) -> np.ndarray:
