@@ -197,6 +197,18 @@ def test_the_posterior_is_that_of_all_samples_at_once_for_hundreds_of_systems(hu
     assert max(worst.values()) < 1e-8, worst
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_without_process_noise_the_posterior_is_the_prior_and_the_gramian_carried_to_the_end(seed: int):
+    """Phi^-T (P_0^-1 + W) Phi^-1, W whitened forwards and J by nuisance states: two ways that share nothing."""
+    case = drawn_case(seed, known=True)
+    information = od.variational_gramian(case.system, case.path)
+    J = od.posterior_information(case.system, case.path, case.prior)[-1]
+    back = np.linalg.inv(information.transition)
+    expected = back.T @ (case.prior.information + information.total) @ back
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose((J - expected) / np.outer(size, size), 0.0, atol=1e-8)
+
+
 # ---------------------------------------------------------------- the filter's own model
 
 

@@ -252,6 +252,9 @@ def test_every_way_to_sum_the_information_of_such_sensors_gives_the_same():
         od.batch_information(SYSTEM, START[None], INPUTS, STEP)[0],
     ):
         np.testing.assert_array_less(np.abs(values - by_sensor), allowed)
+    prior = od.Prior(START, std=(5.0, 4.0, 0.3, 1.0, 1.5))
+    J, Phi = od.posterior_information(SYSTEM, PATH, prior)[-1], information.transition
+    np.testing.assert_array_less(np.abs(Phi.T @ J @ Phi - prior.information - information.total), allowed[0])
 
 
 @pytest.mark.parametrize("criterion", [od.LogDet(), od.MinEigenvalue(), od.TraceInverse()], ids=lambda value: type(value).__name__)

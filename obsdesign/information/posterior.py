@@ -151,7 +151,8 @@ def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
         root = ca.sqrt(channel.noise.gate / channel.noise.variance + _CLOSED)
         C = ca.jacobian(channel.h, model.x)
         # not a product: where a sensor that is off has no derivative, nothing is lost
-        rows.append(ca.if_else(weights[s], root * C, ca.SX(*C.shape)))
+        seen = root * C if root.numel() == 1 else ca.diag(root) @ C  # one number for all outputs but in joint noise
+        rows.append(ca.if_else(weights[s], seen, ca.SX(*C.shape)))
     return ca.vertcat(*rows)
 
 
