@@ -66,14 +66,26 @@ class Stacked:
         """J (n, n) about x_k of the samples of on (N, q) up to t_k; at k = N of all."""
         with long_numbers():
             states, Sigma = self._states()
-            used = [(j, i) for j in range(min(k + 1, len(self.F))) for i in range(len(self.outputs)) if on[j, i]]
-            P = states[k] * Sigma * states[k].transpose()
-            if used:
-                G = arb_mat([(exact(self.C[j][i : i + 1]) * states[j]).entries() for j, i in used])
-                errors = arb_mat([[self._covariance(one, other) for other in used] for one in used])
-                both = states[k] * Sigma * G.transpose()
-                P -= both * (G * Sigma * G.transpose() + errors).solve(both.transpose())
-            return doubles(P.inv())
+            return doubles(self._covariance_of(states[k], k, on, states, Sigma).inv())
+
+    def input_information(self, k: int, on: np.ndarray) -> np.ndarray:
+        """About the unknown part of e_k, of all samples of on (N, q), other inputs and the state being unknown too."""
+        (n, r), N = self.kicks[0].shape, len(self.F)
+        with long_numbers():
+            states, Sigma = self._states()
+            picked = exact(np.eye(n + N * r)[n + k * r : n + k * r + self.unknown])
+            return doubles(self._covariance_of(picked, N, on, states, Sigma).inv())
+
+    def _covariance_of(self, wanted: arb_mat, k: int, on: np.ndarray, states: Sequence[arb_mat], Sigma: arb_mat) -> arb_mat:
+        """Of `wanted` times what everything is made of, given the samples up to t_k."""
+        used = [(j, i) for j in range(min(k + 1, len(self.F))) for i in range(len(self.outputs)) if on[j, i]]
+        P = wanted * Sigma * wanted.transpose()
+        if not used:
+            return P
+        G = arb_mat([(exact(self.C[j][i : i + 1]) * states[j]).entries() for j, i in used])
+        errors = arb_mat([[self._covariance(one, other) for other in used] for one in used])
+        both = wanted * Sigma * G.transpose()
+        return P - both * (G * Sigma * G.transpose() + errors).solve(both.transpose())
 
     def _states(self) -> tuple[list[arb_mat], arb_mat]:
         """All x_k (n, n + N r) in terms of (x_0, e_0, ...), and the covariance of these."""
@@ -95,10 +107,9 @@ class Stacked:
         (k, i), (j, h) = one, other
         a, b = self.outputs[i], self.outputs[h]
         later = a if k >= j else b
-        samples = abs(k - j) // later.period
         lasting = arb(float(self.R[i, h])) * arb(float(a.spread[k])) * arb(float(b.spread[j]))
-        if samples:
-            lasting *= arb(later.correlation) ** samples
+        if k != j:
+            lasting *= arb(later.correlation) ** (abs(k - j) // later.period) if i == h else 0  # joint noise is new at each instant
         if i == h:
             lasting += arb(a.bias) ** 2
             lasting += arb(float(a.extra[k])) if k == j else 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from obsdesign.information.recursion import Disturbance, Root, blind, noticed
 from obsdesign.model import Model
@@ -46,6 +47,32 @@ def sampled_with(model: Model, nuisance: Nuisance, errors: Errors, weights: ca.S
         rows.append(row)
         counts.append(w)
     return ca.vertcat(*rows), ca.vertcat(*counts), Errors(M, V)
+
+
+def drawn_before(model: Model, nuisance: Nuisance, weights: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return what the samples of an instant say about (b, x, z before), with z = decay z before + w, and what they leave of z.
+
+    Rows (q, s) of variance 1; back (s, s) and kicks (s, a) with (b, x, z) = back (b, x, z before) + kicks e, e ~ N(0, I). z given
+    (b, x, z before) is N(M ., U U'), updated by one sample after the other as in `sampled_with`, U by Potter's formula.
+    """
+    a, size = len(nuisance.coloured), len(nuisance.constant) + len(model.states)
+    U, rows = ca.SX(ca.sparsify(ca.DM(np.linalg.cholesky(nuisance.fresh)))), []
+    M = ca.horzcat(ca.SX(a, size), ca.diag(ca.SX(ca.DM(nuisance.decay))))
+    for i, sensor in enumerate(model.output_owner):
+        row, more, gate = _sample(model, nuisance, i)
+        row = ca.horzcat(row, ca.SX(1, a))
+        z = nuisance.coloured.index(i) if i in nuisance.coloured else None
+        f = ca.SX(a, 1) if z is None else U[z, :].T
+        row = row if z is None else row + M[z, :]
+        v = gate * (ca.sumsqr(f) if z is not None else 1) + more * (1 - gate)  # gate times the variance of the sample
+        on = weights[sensor]
+        row, w = ca.if_else(on, row, ca.SX(*row.shape)), ca.if_else(on, gate / v, 0)
+        rows.append(ca.sqrt(w) * row)
+        if z is not None:
+            share = ca.if_else(on, gate / (v + ca.sqrt(more * (1 - gate) * v)), 0)
+            M, U = M - (U @ f) @ (w * row), U - share * ((U @ f) @ f.T)
+    back = ca.vertcat(ca.horzcat(ca.SX.eye(size), ca.SX(size, a)), M)
+    return ca.vertcat(*rows), back, ca.vertcat(ca.SX(size, a), U)
 
 
 def _sample(model: Model, nuisance: Nuisance, output: int) -> tuple[ca.SX, ca.SX, ca.SX]:

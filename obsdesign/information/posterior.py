@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
 from obsdesign.errors import InputError
+from obsdesign.information.backward import backwards, backwards_lasting, refuse, sample_rows
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.lasting import Errors, carried_with, sampled_with
 from obsdesign.information.recursion import Disturbance, Root, shaken
-from obsdesign.information.sampling import require_derivatives, sampled
+from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.nuisance import Nuisance, nuisance_of
 from obsdesign.packing import packed, packed_values, symmetric
@@ -26,8 +27,6 @@ from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
 _UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding
-_CLOSED = 1e-300  # so that the root of a gate has a derivative where it is closed
-_TOLD_APART = 1e-12  # smallest eigenvalue, at unit diagonal, of what the outputs say about constant inputs
 
 
 @validate_arguments
@@ -53,7 +52,7 @@ def posterior_information(
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     weights = weights_of(system, path, active)
     if disturbance.unknown:
-        _backwards(system, path, disturbance, weights)
+        backwards(system, path, disturbance, weights)
     roots = _roots(system, path, prior, disturbance, weights)
     return roots.swapaxes(1, 2) @ roots
 
@@ -77,9 +76,10 @@ def unknown_input_information(
     if not unknown_inputs:
         raise InputError("unknown_inputs is empty: there is no input to know anything of")
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
-    _require_independent(system, path)
     weights = weights_of(system, path, active)
-    later = _backwards(system, path, disturbance, weights)
+    later = backwards(system, path, disturbance, weights)
+    if nuisance_of(system.model, path.step).size:
+        return _left_of(*_about_lasting(system, path, prior, disturbance, weights))
     roots = _roots(system, path, prior, disturbance, weights)[:-1]
     n = path.x.shape[1]
     about_state = np.concatenate([roots, later[:, :, :n]], axis=1)
@@ -87,12 +87,25 @@ def unknown_input_information(
     return _left_of(about_input, about_state)
 
 
-def _require_independent(system: AbstractSystem, path: Trajectory) -> None:
-    """Raise InputError for a sensor whose errors last."""
-    nuisance, model = nuisance_of(system.model, path.step), system.model
-    for i in (*nuisance.coloured, *nuisance.constant):
-        name = model.sensor_names[model.output_owner[i]]
-        raise InputError(f"sensor {name!r} has errors that last: what is known of unknown inputs needs samples that are independent")
+def _about_lasting(
+    system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows (N, m, p) about w_k, and (N, m, .) about (b, x_k) and e, with errors z_k = M (b, x_k) + V^1/2 e."""
+    nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], held_along(system, path), weights]
+    a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
+    scan = _forward(system.model, path.step, disturbance, whole=True)
+    found = scan.run(posterior_start(prior, nuisance)[None], rows, path.steps, carries=False).results
+    shapes = ((size, size), (size, a), (a, a))
+    T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(found, shapes, strict=True))
+    values, vectors = np.linalg.eigh(V)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
+    later = backwards_lasting(system, path, disturbance, weights)
+    errors, unit = later[:, :, size : size + a], np.broadcast_to(np.eye(a), (path.steps, a, a))
+    told = np.concatenate([later[:, :, :size] + errors @ M, errors @ root], axis=2)
+    known = np.concatenate([T, np.zeros((path.steps, size, a))], axis=2)
+    own = np.concatenate([np.zeros((path.steps, a, size)), unit], axis=2)
+    inputs = np.pad(later[:, :, size + a :], ((0, 0), (size, a), (0, 0)))
+    return inputs, np.concatenate([known, told, own], axis=1)
 
 
 def disturbance_of(
@@ -144,18 +157,6 @@ def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | No
     return (due & (mask > 0)).astype(float)
 
 
-def _sample_rows(model: Model, weights: ca.SX) -> ca.SX:
-    """(g / R)^1/2 C (q, n) of those sensors whose weight (S, 1) is not 0, about the state of that instant."""
-    rows = []
-    for s, channel in enumerate(model.channels):
-        root = ca.sqrt(channel.noise.gate / channel.noise.variance + _CLOSED)
-        C = ca.jacobian(channel.h, model.x)
-        # not a product: where a sensor that is off has no derivative, nothing is lost
-        seen = root * C if root.numel() == 1 else ca.diag(root) @ C  # one number for all outputs but in joint noise
-        rows.append(ca.if_else(weights[s], seen, ca.SX(*C.shape)))
-    return ca.vertcat(*rows)
-
-
 def posterior_start(prior: Prior, nuisance: Nuisance) -> np.ndarray:
     """Return the carry before the samples of t_0: (T, rounding) about (b, x), M = 0 and V = R, column by column."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
@@ -166,17 +167,17 @@ def posterior_start(prior: Prior, nuisance: Nuisance) -> np.ndarray:
 
 
 @lru_cache(CACHED)
-def _forward(model: Model, step: float, disturbance: Disturbance) -> Scan:
+def _forward(model: Model, step: float, disturbance: Disturbance, whole: bool = False) -> Scan:
     """Carry before the samples of t_k, rows x_k, (u, w)_k, active (S,) -> carry before those of t_k+1; result: R after those of t_k.
 
     The carry is (T, rounding): T'T the information, T and R column by column; see `Root`. With errors that last, T is about the
-    constant ones and the state, and M and V of the others follow; see `Errors`.
+    constant ones and the state, and M and V of the others follow; see `Errors`. whole: all three are results.
     """
     one, nuisance = step_of(model, step), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
     if not nuisance.size:
-        known = Root(T, rounding).with_rows(_sample_rows(model, weights))
+        known = Root(T, rounding).with_rows(sample_rows(model, weights))
         later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
         carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
         return Scan(ca.vertcat(ca.vec(T), rounding), [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T))])
@@ -186,7 +187,8 @@ def _forward(model: Model, step: float, disturbance: Disturbance) -> Scan:
     later, errors_later = carried_with(known, errors.later(nuisance), one.F, one.B_w, disturbance)
     carry_next = ca.vertcat(ca.vec(later.T), later.rounding, ca.vec(errors_later.M), packed(errors_later.V))
     carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
-    return Scan(carry, [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T[c:, c:]))])
+    results = [known.T, errors.M, errors.V] if whole else [known.T[c:, c:]]
+    return Scan(carry, [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(each)) for each in results])
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
@@ -199,61 +201,13 @@ def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: 
     last = run.carry[0, : size**2].reshape(size, size).T
     columns = np.concatenate([run.results[0][0], _about_state(last, n).T.reshape(1, -1)])
     if not np.isfinite(columns).all():
-        _refuse(columns, system, path, weights)
+        refuse(columns, system, path, weights)
     return columns.reshape(-1, n, n).swapaxes(1, 2)
 
 
 def _about_state(T: np.ndarray, n: int) -> np.ndarray:
     """Return the root (n, n) of what T says about the last n, whatever the others are."""
     return T if len(T) == n or not np.isfinite(T).all() else np.linalg.qr(T).R[-n:, -n:]
-
-
-@lru_cache(CACHED)
-def _backward(model: Model, step: float, disturbance: Disturbance) -> Scan:
-    """(root of what later samples say about x_k+1, the square of it if all inputs were known) -> the same about x_k.
-
-    Results: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k); and B'L'L B if all were known.
-    """
-    one = step_of(model, step)
-    n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
-    L, rounding, (alone, second) = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n), symmetric("alone", n)
-    B, samples = one.B_w[:, list(disturbance.unknown)], _sample_rows(model, weights)
-    noisy = shaken(Root(L, rounding), one.B_w, Disturbance((), disturbance.noise))
-    left = shaken(noisy, one.B_w, Disturbance(disturbance.unknown, ((),) * n))
-    earlier = left.carried(one.F).with_rows(samples)
-    square = packed(one.F.T @ alone @ one.F + samples.T @ samples)
-    carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding, square)
-    results = [ca.vec(ca.densify(noisy.T @ ca.horzcat(one.F, B))), ca.vec(ca.densify(B.T @ alone @ B))]
-    return Scan(ca.vertcat(ca.vec(L), rounding, second), [one.x, one.held, weights], carry_next, results)
-
-
-def _backwards(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
-    """Return (N, n, n + p), roots of what later samples say about (x_k, w_k); raise InputError for inputs that leave no trace."""
-    n, p = path.x.shape[1], len(disturbance.unknown)
-    scan = _backward(system.model, path.step, disturbance)
-    start = np.zeros((1, n * n + n + n * (n + 1) // 2))
-    rows = [values[::-1] for values in (path.x[:-1], held_along(system, path), weights)]
-    run = scan.run(start, rows, path.steps, carries=False)
-    later, alone = run.results[0][0, ::-1], run.results[1][0]
-    if not np.isfinite(later).all():
-        _refuse(later, system, path, weights)
-    _require_trace(system, disturbance, alone.reshape(-1, p, p).sum(axis=0))
-    return later.reshape(-1, n + p, n).swapaxes(1, 2)
-
-
-def _require_trace(system: AbstractSystem, disturbance: Disturbance, seen: np.ndarray) -> None:
-    """Raise InputError where `seen` (p, p), what the outputs say about constant unknown inputs, is blind to a combination."""
-    names = [system.model.unknown_inputs[i].name for i in disturbance.unknown]
-    size = np.sqrt(np.diag(seen))
-    for name, value in zip(names, size, strict=True):
-        if not value > 0:
-            raise InputError(f"unknown_inputs: {name!r} leaves no trace in any output along this path")
-    values, vectors = np.linalg.eigh(seen / np.outer(size, size))
-    if values[0] < _TOLD_APART:
-        along = vectors[:, 0] / size
-        along = along / along[np.abs(along).argmax()]
-        words = " ".join(f"{share:+.3g} {name}" for share, name in zip(along, names, strict=True) if abs(share) > 1e-6)
-        raise InputError(f"unknown_inputs cannot be told apart from the outputs along this path: {words} leaves no trace in any of them")
 
 
 def _left_of(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:
@@ -266,10 +220,3 @@ def _left_of(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:
     noticed = np.linalg.norm(about_input, axis=1, keepdims=True)
     left = np.where(np.linalg.norm(left, axis=1, keepdims=True) > _UNSEEN * noticed, left, 0.0)
     return left.swapaxes(1, 2) @ left
-
-
-def _refuse(found: np.ndarray, system: AbstractSystem, path: Trajectory, weights: np.ndarray) -> None:
-    """Raise InputError with the sensor and the step that have no derivative, or else say that numbers ran away."""
-    require_derivatives(system, path, weights > 0)
-    k = int(np.argwhere(~np.isfinite(found))[0, 0])
-    raise InputError(f"the information is not finite at step {k} (t = {path.t[k]:g} s): the system is too unstable for this step")

@@ -70,6 +70,15 @@ class Root:
         """Return the root about y where this one is about F y."""
         return Root(self.T @ F, ca.fabs(F).T @ (_MEMORY * self.rounding + _round_off(self.T)))
 
+    def blurred(self, noise: ca.SX) -> Root:
+        """Return the root once noise, columns of it (m, r) with N(0, 1) each, has been added to what this one is about."""
+        T = self.T
+        for column in range(noise.shape[1]):
+            g = T @ noise[:, column]
+            norm = ca.sqrt(1 + ca.sumsqr(g))
+            T = T - g @ (g.T @ T) / (norm * (norm + 1))
+        return Root(T, self.now)
+
     @property
     def now(self) -> ca.SX:
         """Rounding (n, 1) once T has been computed with again."""
