@@ -2,39 +2,70 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from obsdesign.analysis.equations import Equations, meant, typed
-from obsdesign.analysis.finding import NEARLY_SINGULAR
+from obsdesign.analysis.finding import NEARLY_SINGULAR, Finding
 from obsdesign.analysis.places import Place
+from obsdesign.analysis.rounding import lower_within, rounded_constants, rounded_states
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.rank.numbers import Irrational, Meaning, Number
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A verdict, the equations that it is about, and the smallest pivot that it rests on, in units of its row and column."""
+    """What was found about the equations at a place, which is none where generic states were asked about; and nearby."""
 
-    verdict: Verdict
     equations: Equations
-    smallest_pivot: float
+    place: Place | None
+    finding: Finding
+    nearby: Finding | None
 
 
-Ask = Callable[[Place | None, Callable[[float], Meaning]], Answer]
+class AbstractQuestion(ABC):
+    """What is asked, but for the point and for how the model's numbers are read."""
+
+    @abstractmethod
+    def answer(self, place: Place | None, meaning: Callable[[float], Meaning]) -> Answer:
+        """Return what is found at the place, or at generic states; meaning: what a constant of the model stands for."""
+
+    @abstractmethod
+    def worded(self, answer: Answer) -> Verdict:
+        """Return the verdict."""
 
 
-def with_doubts(ask: Ask, place: Place | None) -> Verdict:
+def with_doubts(question: AbstractQuestion, place: Place | None, at: Sequence[float], seed: int) -> Verdict:
     """Return the verdict; what it says holds however the constants of the model are read, or is not decided.
 
-    A constant of more than 12 digits may be the rounded product of shorter ones. Where the rank is n with what was meant, by pivots
-    that no rounding reaches, it is n. Otherwise the constants are taken as they stand, too.
+    at (n,): the place as it was given, if one was. A constant of more than 12 digits may be the rounded product of shorter ones. Where
+    the rank is n with what was meant, by pivots that no rounding reaches, it is n. Otherwise the constants are taken as they stand, too;
+    and where the rank is lower at a point within rounding, that is said of the states, and not decided for constants.
     """
-    found = ask(place, meant)
-    verdict, doubtful = found.verdict, [(value, number) for value, number in found.equations.read if typed(value) != number]
-    if doubtful and not (verdict.observable and found.smallest_pivot > NEARLY_SINGULAR):
-        verdict = _agreed(verdict, ask(place, typed).verdict, doubtful)
-    return verdict
+    found = question.answer(place, meant)
+    verdict, doubtful = question.worded(found), [(value, number) for value, number in found.equations.read if typed(value) != number]
+    if doubtful and not (verdict.observable and found.finding.rank.smallest_pivot > NEARLY_SINGULAR):
+        verdict = _agreed(verdict, question.worded(question.answer(place, typed)), doubtful)
+    return verdict if verdict.stopped_by == "precision" else _within_rounding(question, found, verdict, at, seed)
+
+
+def _within_rounding(question: AbstractQuestion, found: Answer, verdict: Verdict, at: Sequence[float], seed: int) -> Verdict:
+    """Return the verdict with what is seen at a point within rounding, where that is less."""
+    numbers = [*rounded_constants(found.equations), *rounded_states(at)]
+    if not numbers:
+        return verdict
+    finding, n = found.finding, verdict.null_space.shape[0]
+    lower = lower_within(found.equations, found.place or finding.place, numbers, finding.dimension, len(finding.ranks) - 1, seed)
+    if lower is None:
+        return verdict
+    words = f"within the rounding of the numbers given it is {lower.rank.rank} of {n}"
+    if not lower.by_constants:
+        return replace(verdict, proof=f"{verdict.proof}; {words}")
+    undecided = replace(
+        finding, rank=lower.rank, stopped_by="precision", at_most=f"not decided: as they stand it is {finding.dimension}, {words}"
+    )
+    return question.worded(replace(found, finding=undecided))
 
 
 def _agreed(first: Verdict, second: Verdict, doubtful: Iterable[tuple[float, Meaning]]) -> Verdict:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.analysis.doubts import Answer, as_read, with_doubts
+from obsdesign.analysis.doubts import AbstractQuestion, Answer, as_read, with_doubts
 from obsdesign.analysis.equations import Equations, equations_of
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding
@@ -78,11 +78,12 @@ def observability_of(
         asked = augmented(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
         place = None if at is None else _place(model, asked, at, seed)
         question = _Question(model, asked, _as_held(held or {}), disturbance, known_inputs, seed, method, orders)
-        return with_doubts(question.answer, place)
+        given = [] if at is None else [float(value) for value in np.asarray(at, dtype=float)]
+        return with_doubts(question, place, given, seed)
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
+class _Question(AbstractQuestion):
     """What was asked but for the point; asked: the model with the unknown inputs of a polynomial disturbance as states."""
 
     model: Model
@@ -97,17 +98,18 @@ class _Question:
     def answer(self, place: Place | None, meaning: Callable[[float], Meaning]) -> Answer:
         """Return the verdict at the place, or at generic points; meaning: what a constant of the model stands for."""
         equations = equations_of(self.asked, self.held, origin_of(place) if place else None, meaning)
-        read = (*equations.read, *zip(self.asked.state_names, place.state, strict=True)) if place else equations.read
-        finding, nearby = self._findings(equations, place.less(equations.origin) if place else None)
+        there = place.less(equations.origin) if place else None
+        return Answer(equations, there, *self._findings(equations, there))
+
+    def worded(self, answer: Answer) -> Verdict:
+        """Return the verdict, with the one nearby where it is another."""
+        equations, place, finding, nearby = answer.equations, answer.place, answer.finding, answer.nearby
+        state = equations.state_at(place).state if place else ()
+        read = (*equations.read, *zip(self.asked.state_names, state, strict=bool(state)))
         singular = nearby is not None and not (finding.decided and finding.dimension == nearby.dimension)
         verdict = self._worded(equations, finding, chosen=place is not None, singular=singular)
-        generic = self._worded(equations, nearby) if nearby else None
-        verdict = replace(
-            verdict,
-            proof=f"{verdict.proof}{as_read(read)}",
-            generic=generic if generic and generic.dimension != verdict.dimension else None,
-        )
-        return Answer(verdict, equations, finding.rank.smallest_pivot)
+        generic = self._worded(equations, nearby) if nearby and nearby.dimension != finding.dimension else None
+        return replace(verdict, proof=f"{verdict.proof}{as_read(read)}", generic=generic)
 
     def _findings(self, equations: Equations, place: Place | None) -> tuple[Finding, Finding | None]:
         """Return what was found, and, where a point was asked for, what was found nearby."""

@@ -105,7 +105,7 @@ def _candidates(value: float) -> Iterator[tuple[int, Fraction | Irrational]]:
     if near is not None and _agree(value, near, ROUNDINGS):
         yield _height(near), near
     yield from _surds(value, ROUNDINGS)
-    if _is_residue(value):
+    if is_residue(value):
         yield 1, Fraction(0)
 
 
@@ -119,7 +119,7 @@ def _surds(value: float, width: float) -> Iterator[tuple[int, Irrational]]:
             yield _height(q), found
 
 
-def _is_residue(value: float) -> bool:
+def is_residue(value: float) -> bool:
     """Return whether the double may be what rounding leaves of 0: k / 2^e with a small k, or a short multiple of sin(pi)."""
     size = abs(value)
     if size < 2.0**-36 and Fraction(size).numerator < 2**8:
