@@ -274,3 +274,47 @@ def test_no_rank_of_decimals_multiplied_by_casadi_is_decided_wrongly(seed):
     found = od.observability(od.ControlAffineSystem(states, names, outputs={f"y{i}": y for i, y in enumerate(outputs)}))
     assert not found.decided or found.dimension == rank_of(rows)
     assert found.dimension <= rank_of(rows)
+
+
+CHAINS = [(1000, 1040), pytest.param((0, 1000), marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("seeds", CHAINS)
+def test_no_rank_of_chains_of_numbers_is_decided_wrongly(seeds):
+    # every entry is a state times and over one to three decimals, whole numbers and fractions, as CasADi folds them; four times in five
+    # the last output is a combination of the others, its coefficients rounded once. The exact rank is that of the fractions
+    for seed in range(*seeds):
+        generator = np.random.default_rng(seed)
+        n = int(generator.integers(2, 4))
+        states = ca.SX.sym("x", n)
+        chains = [[_chain(generator, states[j]) for j in range(n)] for _ in range(n)]
+        rows = [[exact for _, exact in row] for row in chains]
+        outputs = [sum((term for term, _ in row), ca.SX(0)) for row in chains]
+        if generator.random() < 0.8:
+            shares = [_number(generator) for _ in range(n - 1)]
+            rows[-1] = [sum((share * row[j] for share, row in zip(shares, rows, strict=False)), Fraction(0)) for j in range(n)]
+            outputs[-1] = sum((states[j] * float(rows[-1][j]) for j in range(n)), ca.SX(0))
+        names = tuple(f"x{j}" for j in range(n))
+        found = od.observability(od.ControlAffineSystem(states, names, outputs={f"y{i}": y for i, y in enumerate(outputs)}))
+        exact = rank_of(rows)
+        assert not found.decided or found.dimension == exact, seed
+        assert found.dimension <= exact, seed
+
+
+def _number(generator):
+    kind = generator.integers(0, 4)
+    if kind < 2:
+        return Fraction(int(generator.integers(1, 1000)), 10 ** int(generator.integers(0, 4)))
+    return Fraction(int(generator.integers(1, 30)), int(generator.integers(1, 50)) if kind == 2 else 1)
+
+
+def _chain(generator, term):
+    """Return the term times and over some numbers, and the exact factor."""
+    exact = Fraction(1)
+    for _ in range(int(generator.integers(1, 4))):
+        number = _number(generator)
+        if generator.random() < 0.5:
+            term, exact = term * float(number), exact * number
+        else:
+            term, exact = term / float(number), exact / number
+    return term, exact

@@ -22,7 +22,7 @@ from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.places import Place
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.numbers import Number, as_ball
-from obsdesign.rank.reading import ROUNDINGS, as_typed, is_residue, read
+from obsdesign.rank.reading import ROUNDINGS, is_exact, is_residue
 
 SMALL = 1e-9
 """Pivots below this, relative to rows and columns scaled to 1, may be of the size of rounding errors of doubles."""
@@ -54,14 +54,13 @@ class Lower:
 
 
 def rounded_constants(equations: Equations) -> list[Rounded]:
-    """Return the constants of the model that neither are short numbers nor stand for one."""
-    long = [(value, number) for value, number in equations.read if as_typed(value) is None and not read(value).is_doubtful]
-    return [Rounded(True, equations.values.index(number), _distance(value)) for value, number in long]
+    """Return the constants of the model that may have been rounded."""
+    return [Rounded(True, equations.values.index(number), _distance(value)) for value, number in equations.read if not is_exact(value)]
 
 
 def rounded_states(at: Sequence[float]) -> list[Rounded]:
-    """Return the entries of a point (n,) that are no short numbers."""
-    return [Rounded(False, i, _distance(value)) for i, value in enumerate(at) if as_typed(value) is None]
+    """Return the entries of a point (n,) that may have been rounded."""
+    return [Rounded(False, i, _distance(value)) for i, value in enumerate(at) if not is_exact(value)]
 
 
 def _distance(value: float) -> Fraction:
@@ -75,9 +74,10 @@ def lower_within(equations: Equations, place: Place, numbers: Sequence[Rounded],
     found, order: the rank at the place, and the order of derivatives at which it was reached.
     """
     count, n = 2 if equations.known else 1, equations.asked
-    with flint.ctx.workprec(_BITS):
+    with flint.ctx.workprec(_BITS // 4):
         if _at_least(_Point(Experiments(equations, place, order, count, seed)).within(numbers), found):
             return None
+    with flint.ctx.workprec(_BITS):
         orders = min(2 * equations.n + 12 if equations.n <= _FEW else max(order, equations.n) + 1, _ORDERS)
         at = _Point(Experiments(equations, place, orders, count, seed))
         if _at_least(at.within(numbers), found):
@@ -137,7 +137,7 @@ def _at_least(points: _Point, rank: int) -> bool:
     if not all(entry.is_finite() for row in rows for entry in row):
         return False
     eliminated = points.eliminated
-    return rank_of(lambda: rows, len(rows[0]) - eliminated, eliminated, confirmed=False, precisions=(_BITS,)).rank >= rank
+    return rank_of(lambda: rows, len(rows[0]) - eliminated, eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank >= rank
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ ROUNDINGS = 32
 
 _TYPED = 12  # digits of a decimal that nobody doubts
 _CERTAIN = 10**3  # height up to which the double next to a number is next to it by accident with a chance of 1e-12
+_SHORT = 10**6  # the same, with a chance of 1e-10
 _LIKELY = 2**40  # the same, with a chance of 1e-2 to 1e-4
 _ROUNDED = {_TYPED: ROUNDINGS, _TYPED + 2: 3}  # digits of a decimal that a longer one may stand for: units in the last place beside it
 _PI = Fraction(314159265358979323846264338327950288419716939937510582097494459, 10**62)
@@ -65,6 +66,12 @@ def _reading(value: float) -> Reading:
         return Reading(plain, plain)
     typed = Fraction(repr(value))
     return Reading(typed, min(_candidates(value), default=(0, typed), key=lambda each: each[0])[1])
+
+
+def is_exact(value: float) -> bool:
+    """Return whether a double cannot be the rounded result of an operation, but by an accident of 1e-9."""
+    found = as_typed(value)
+    return found is not None and (_digits(value) <= _TYPED or isinstance(found, Irrational) or _height(found) <= _SHORT)
 
 
 def as_typed(value: float) -> Fraction | Irrational | None:
