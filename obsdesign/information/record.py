@@ -103,15 +103,14 @@ class Information:
         """
         steps = len(self.blocks)
         require_divisor("segments", segments, "steps", steps)
-        return self.by_stretch(np.arange(0, steps, steps // segments))
+        summed = self.blocks.reshape(segments, steps // segments, *self.blocks.shape[1:]).sum(axis=1)
+        return self._counted(summed, np.arange(0, steps, steps // segments))
 
     def by_stretch(self, firsts: np.ndarray) -> np.ndarray:
-        """Return the same (K, S, n, n) for stretches that begin at steps `firsts` (K,), the first at 0."""
-        steps, K = len(self.blocks), len(firsts)
-        if steps % K == 0 and np.array_equal(firsts, np.arange(0, steps, steps // K)):
-            summed = self.blocks.reshape(K, steps // K, *self.blocks.shape[1:]).sum(axis=1)
-        else:
-            summed = np.add.reduceat(self.blocks, firsts, axis=0)
+        """Return the same (K, S, n, n) for stretches of any length that begin at steps `firsts` (K,), the first at 0."""
+        return self._counted(np.add.reduceat(self.blocks, firsts, axis=0), firsts)
+
+    def _counted(self, summed: np.ndarray, firsts: np.ndarray) -> np.ndarray:
         if self.samples is not None:
             summed[:, list(self.samples.colour.places)] = self.samples.amounts(firsts)
         return summed

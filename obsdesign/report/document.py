@@ -176,6 +176,10 @@ class SelectionPart(_Part):
     chosen: list[list[int]] = Field(description="(K, S): 1 where the sensor is on in the segment")
     seconds: dict[str, float] = Field(description="how long each sensor is on [s]")
     value: Number = Field(description="the criterion of the schedule")
+    exact_value: Number | None = Field(
+        description="that of all its samples together, where errors are not independent and value and bound count amounts from below; "
+        "null: value is exact"
+    )
     bound: Number = Field(description="no schedule that keeps the rules is better than this")
     root_bound: Number
     gap: Number = Field(description="(bound - value) / |bound|; bound - value for log_det")

@@ -122,7 +122,9 @@ def position_covariances(study: Study) -> np.ndarray:
 
 def hidden_under(study: Study, check: Check) -> tuple[str, ...]:
     """Names of the states that the samples of a schedule along a path do not determine, without prior."""
-    std = standard_deviations(information_of(study.candidate(check.path).blocks, check.chosen))
+    candidate = study.candidate(check.path)
+    exact = candidate.information.samples is not None
+    std = standard_deviations(candidate.under(check.chosen) if exact else information_of(candidate.blocks, check.chosen))
     return tuple(name for name, deviation in zip(study.scenario.state_names, std, strict=True) if np.isinf(deviation))
 
 

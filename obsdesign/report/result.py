@@ -193,6 +193,7 @@ def _selection(study: Study) -> SelectionPart:
         chosen=schedule.chosen.astype(int).tolist(),
         seconds=dict(zip(sensors, (np.diff(segment_nodes(study)) @ schedule.chosen).tolist(), strict=True)),
         value=schedule.value,
+        exact_value=selection.exact,
         bound=schedule.bound,
         root_bound=schedule.root_bound,
         gap=schedule.gap,

@@ -47,6 +47,12 @@ def certified(study: Study) -> str:
     return f"certified within {gap_in_words(study)} {'below' if differs else 'of'} the best of {_how_many(study)}"
 
 
+def lasting_sensors(study: Study) -> list[str]:
+    """Names of the sensors whose errors are not independent from sample to sample, or from each other."""
+    samples = study.main.information.samples
+    return [] if samples is None else [study.main.information.names[place] for place in samples.colour.places]
+
+
 def _how_many(study: Study) -> str:
     asked, sensors, segments = study.scenario.selection, len(study.scenario.sensors), len(study.selection.schedule.chosen)
     if asked.rules:
@@ -70,6 +76,13 @@ def explained(study: Study) -> tuple[str, ...]:
         f"The schedule comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can.{looked} "
         "The bound follows from the relaxation's dual alone, so it holds whatever the solver did."
     ]
+    if study.selection.exact is not None:
+        lasting = joined(lasting_sensors(study))
+        parts.append(
+            f"The errors of {lasting} last or belong together, so that no amounts for single segments add up to what samples say together: "
+            f"the schedule is chosen, and the bound proven, for amounts from below, which no schedule falls short of. All samples of the "
+            f"chosen schedule together have a {schedule_criterion(study)} of {rounded(facts.or_zero(study, study.selection.exact))}."
+        )
     if asked.rules:
         parts.append(f"Rules: {'; '.join(rule_in_words(rule) for rule in asked.rules)}.")
     if asked.robust_to:
@@ -192,6 +205,8 @@ def schedules_table(study: Study) -> Table:
     """The criterion of the bound, the chosen schedule, the naive ones, and all sensors on throughout."""
     schedule, name = study.selection.schedule, schedule_criterion(study)
     values = {"no schedule is above": schedule.bound} | rival_values(study)
+    if study.selection.exact is not None:
+        values = {"chosen, all its samples together": facts.or_zero(study, study.selection.exact)} | values
     total = study.problem.scaled(study.main.information.total)
     values["all sensors on, for comparison"] = study.scenario.schedule_criterion.value(total)
     share, bound = name == "λmin" and schedule.bound > 0, schedule.bound
@@ -209,6 +224,11 @@ def schedules_table(study: Study) -> Table:
         for rival in study.selection.rivals
         if rival.breaks
     )
+    if study.selection.exact is not None:
+        broken = (
+            *broken,
+            f"The errors of {joined(lasting_sensors(study))} last: all but the first and the last row count amounts from below.",
+        )
     return Table(
         f"Schedules on {path_in_words(study.about)}",
         f"Good: large {name} of S W S, near the bound that no schedule with {per_segment} on at a time exceeds.",

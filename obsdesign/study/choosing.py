@@ -16,6 +16,7 @@ from obsdesign.selection.losses import sensor_losses
 from obsdesign.selection.naive import always, at_random, round_robin
 from obsdesign.selection.pareto import Pareto, pareto
 from obsdesign.selection.posing import posed
+from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.selecting import select_sensors
 from obsdesign.study.record import Candidate, Rival, Selection
 from obsdesign.trajectory import Trajectory
@@ -51,7 +52,16 @@ def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, see
         random_values=np.sort([instance.value(each) for each in _at_random(instance, m, bool(rules), np.random.default_rng([seed, 1]))]),
         losses=losses,
         pareto=_front(scenario, blocks, segments, seed) if asked.pareto else None,
+        exact=_exact(candidate, problem, instance, schedule),
     )
+
+
+def _exact(candidate: Candidate, problem: DesignProblem, instance: Instance, schedule: Schedule) -> float | None:
+    """What the samples of a schedule say together, after the worst loss and less what switching costs; None where blocks say so."""
+    if candidate.information.samples is None or not schedule.status.has_answer:
+        return None
+    left = [problem.scaled(candidate.under(schedule.chosen & (kept > 0))) for kept in instance.kept]
+    return min(instance.criterion.value(W) for W in left) - instance.penalty(schedule.chosen)
 
 
 def broken(rules: Sequence[AbstractRule], segments: Segments, chosen: np.ndarray) -> tuple[str, ...]:

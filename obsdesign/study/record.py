@@ -82,8 +82,12 @@ class Candidate:
 
     @property
     def blocks(self) -> np.ndarray:
-        """Information (K, S, n, n) of each segment and sensor."""
-        return np.add.reduceat(self.information.blocks, self.nodes[:-1], axis=0)
+        """Information (K, S, n, n) of each segment and sensor; amounts from below where errors are not independent."""
+        return self.information.by_stretch(self.nodes[:-1])
+
+    def under(self, chosen: np.ndarray) -> np.ndarray:
+        """W (n, n) of all samples of a schedule (K, S) together."""
+        return self.information.under(every_step(chosen, self.nodes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +104,8 @@ class Rival:
 class Selection:
     """The schedule for a path, and what one would have done without thinking.
 
+    exact: what the samples of the chosen schedule say together where errors are not independent, so that the schedule's value and
+    bound, and those of the others, are about amounts from below; None where they are exact themselves.
     random_values: values of random schedules that keep the rules, sorted; losses: what losing each sensor costs, () for a single
     one; pareto: information against energy, where asked for.
     """
@@ -109,6 +115,7 @@ class Selection:
     random_values: np.ndarray
     losses: tuple[Loss, ...] = ()
     pareto: Pareto | None = None
+    exact: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
