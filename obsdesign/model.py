@@ -53,9 +53,8 @@ class Noise:
 
     @property
     def variance(self) -> ca.SX:
-        """R = inflation^2 spread^2 (1 + correlation) / (1 - correlation) + bias^2, for each sample as if independent."""
-        factor = self.inflation**2 * (1 + self.correlation) / (1 - self.correlation)
-        return factor * self.spread**2 + self.bias**2
+        """R = inflation^2 spread^2 + bias^2 of one sample alone."""
+        return self.inflation**2 * self.spread**2 + self.bias**2
 
 
 @dataclass(frozen=True)

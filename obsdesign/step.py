@@ -121,7 +121,10 @@ def _entries(matrix: ca.SX, index: np.ndarray) -> ca.SX:
 
 
 def blocks_of(model: Model, Phi: ca.SX, weighted: bool = True) -> list[ca.SX]:
-    """Return g Phi' C_s' R_s^-1 C_s Phi (n, n) for each sensor s, sparse, g its gate; g = R = 1 if not weighted."""
+    """Return g Phi' C_s' R_s^-1 C_s Phi (n, n) for each sensor s, sparse, g its gate, R_s the variance of one sample alone.
+
+    g = R = 1 if not weighted. What several samples say together whose errors are not independent: `information.instant`.
+    """
     blocks = []
     for channel in model.channels:
         seen = ca.jacobian(channel.h, model.x) @ Phi

@@ -8,6 +8,9 @@ import numpy as np
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap
+from obsdesign.information.colour import Colour, colour_of
+from obsdesign.information.whitening import seen_of
+from obsdesign.model import Model
 from obsdesign.round_off import smallest_eigenvalue
 from obsdesign.simulation import simulate
 from obsdesign.step import blocks_of, sensitivity_of, step_of
@@ -18,7 +21,8 @@ def cap_of(problem: DesignProblem) -> Cap | None:
 
     By interlacing lambda_min(S W S) <= lambda_min(S W S[I, I]) for every index set I. W_ii = sum |C Phi e_i|^2 / sigma^2 is
     constant where every term is, and with W_ii and W_jj so is W_ij: the block is all of the constant diagonal. Constant means that
-    no term depends on the state or the inputs, by the structure of the step. Only for MinEigenvalue of all states without prices.
+    no term depends on the state or the inputs, by the structure of the step. W is that of the noise that is stated: where errors are
+    not independent, what is constant is the part of the rows that it is made of. Only for MinEigenvalue of all states without prices.
     """
     if not isinstance(problem.criterion, MinEigenvalue) or problem.about or problem.prices:
         return None
@@ -46,4 +50,23 @@ def _unmoved(problem: DesignProblem) -> np.ndarray:
         moved = now
     causes = ca.vertcat(one.x, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
     blocks = blocks_of(model, shape.Phi)
-    return np.array([not any(block.has_nz(i, i) and ca.depends_on(block[i, i], causes) for block in blocks) for i in range(n)])
+    coloured = () if (colour := colour_of(model)) is None else colour.places
+    white = [block for s, block in enumerate(blocks) if s not in coloured]
+    still = np.array([not any(block.has_nz(i, i) and ca.depends_on(block[i, i], causes) for block in white) for i in range(n)])
+    return still if colour is None else still & _unmoved_rows(model, colour, shape.Phi, causes)
+
+
+def _unmoved_rows(model: Model, colour: Colour, Phi: ca.SX, causes: ca.SX) -> np.ndarray:
+    """For which states (n,) no path changes what outputs say whose errors are not independent.
+
+    W_ij is made of the rows' columns i and j, spreads and gates, of all outputs whose errors belong together: all constant, or 0.
+    """
+    seen, n = seen_of(model, colour, Phi), Phi.shape[1]
+    still = np.ones(n, dtype=bool)
+    for members in map(list, colour.together):
+        noise = ca.vertcat(seen.level[members], seen.gate[members])
+        for i in range(n):
+            column = ca.sparsify(seen.rows[members, i])
+            if column.nnz() and ca.depends_on(ca.vertcat(ca.densify(column), noise), causes):
+                still[i] = False
+    return still

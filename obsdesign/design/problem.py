@@ -73,7 +73,8 @@ class DesignProblem:
     largest |du/dt| [unit/s]; scale (n,): the diagonal of S, what counts as one unit of each state (None = ones, usually the prior's
     standard deviations); about: the states that are judged while the others are found as well, () = all: then W is the Schur
     complement W_aa - W_ab W_bb^-1 W_ba; known (n, n): information about x(t_0) that is already there, added to W; weights (K, S):
-    how much the samples of each sensor count in each of K equal groups of steps, such as a schedule, None = all of them, once.
+    how much the samples of each sensor count in each of K equal groups of steps, such as a schedule, None = all of them, once; at
+    most 1, the share of them that is there, for a sensor whose errors are not independent.
     Raises InputError for names, shapes and values that do not fit together.
     """
 

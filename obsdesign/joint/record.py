@@ -27,7 +27,8 @@ class OneSided:
 class Joint:
     """The best path and schedule found together: design for that schedule (`design.problem.weights`), schedule certified for that path.
 
-    value = schedule.value, recomputed; objective: that minus the path's prices, what was maximised; NaN without an answer.
+    value = schedule.value, recomputed, of what is counted (design.value of what samples say together, where errors are not
+    independent); objective: that minus the path's prices, what was maximised; NaN without an answer.
     path_first: the path designed for all sensors, then the best schedule for it. sensors_first: the best schedule on the shortest
     path, or the straight one, then the path designed for it. alternation: the objective at the beginning and after every half step
     of the alternation that led to the answer, never decreasing; origin: where that began; alternated: the best objective that

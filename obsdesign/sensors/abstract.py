@@ -18,12 +18,11 @@ if TYPE_CHECKING:
 class AbstractSensor(ABC):
     """A sensor of one or more outputs. Leaves are final frozen dataclasses, one file each.
 
-    name: what reports call it; rate [Hz]: samples per second, None = every step. inflation: what filters multiply the spread by,
-    for what the model leaves out. bias_floor: standard deviation of a constant error, in the output's unit, added to the variance
-    of every sample. correlation: of the noise of successive samples, in [0, 1); N samples of such noise are worth
-    N (1 - c) / (1 + c) independent ones, so one sample counts with the variance
+    name: what reports call it; rate [Hz]: samples per second, None = every step. inflation: what filters and information multiply the
+    spread by, for what the model leaves out. bias_floor: standard deviation of a constant error of each output, in its unit.
+    correlation c: of the noise of successive samples, in [0, 1). The errors of samples j and k of an output have the covariance
 
-        R = inflation^2 spread^2 (1 + c) / (1 - c) + bias_floor^2.
+        R_jk = inflation^2 spread_j spread_k c^|j - k| + bias_floor^2.
 
     Raises InputError for values outside these ranges.
     """
