@@ -432,7 +432,10 @@ def _improved(problem: DesignProblem, known: _Course, seed: _Seed, work: _Work) 
         best, status, done = course.or_better(best), solution.status, done + solution.iterations
         # a climb that has not come to terms with its rows yet says nothing about what they leave out
         rows = tightened(problem, course.path, seed.rows) if course.short and solution.violation <= FEASIBLE else None
-        seed = _Seed(solution.p, seed.rows if rows is None else rows, solution.warm)
+        warm = solution.warm
+        if rows is not None:
+            warm = replace(warm, multipliers=warm.multipliers.with_rows(len(seed.rows.node), len(rows.node)))
+        seed = _Seed(solution.p, seed.rows if rows is None else rows, warm)
         gained, before = solution.objective - before, solution.objective
         if not course.short and gained <= work.enough * abs(before):
             break
@@ -458,6 +461,9 @@ def _seeded(now: _Now, limits: tuple[int, ...]) -> _Seed:
         return _Seed(p, replace(rows, allowance=back), warm)
     same = _same(rows, old)
     rows = replace(rows, allowance=np.maximum(np.append(old.allowance, 0.0)[same], back))
+    pressed = None if warm is None else warm.multipliers.rows[: len(old.node)]
+    kept = _between(old, now.problem.steps, pressed)
+    rows, same = rows.with_more(old.of(kept)), np.append(same, kept)
     if warm is None:
         return _Seed(p, rows, None)
     before, count = warm.multipliers, len(old.node)
@@ -466,15 +472,25 @@ def _seeded(now: _Now, limits: tuple[int, ...]) -> _Seed:
     return _Seed(p, rows, replace(warm, multipliers=multipliers, radius=max(warm.radius, _RADIUS)))
 
 
+def _between(old: Rows, steps: int, pressed: np.ndarray | None) -> np.ndarray:
+    """Return the indices of old rows between nodes that lie ahead and that the last climb leaned on; without one, of all ahead."""
+    single = np.zeros(len(old.node), dtype=bool)
+    for choice in old.choices:
+        single[choice.rows] = True
+    ahead = (old.after > 0) & (old.node >= 0) & (old.node < steps) & ~single
+    return np.flatnonzero(ahead if pressed is None else ahead & (pressed > 0))
+
+
 def _same(rows: Rows, old: Rows) -> np.ndarray:
     """Return for each row the index of the old one at its instant, -1 without one; what counts at one instant only stays the same."""
     shape = [max(each.max(initial=0) for each in pair) + 1 for pair in ((rows.node, old.node), (rows.margin, old.margin))]
     place, single = np.full(shape, -1), np.full(shape[1], -1)
-    ahead = np.flatnonzero(old.node >= 0)
+    ahead = np.flatnonzero((old.node >= 0) & (old.after == 0))
     place[old.node[ahead], old.margin[ahead]] = ahead
-    single[old.margin] = np.arange(len(old.node))
+    at_node = np.flatnonzero(old.after == 0)
+    single[old.margin[at_node]] = at_node
     once = np.bincount(rows.margin, minlength=shape[1])[rows.margin] == 1
-    return np.where(once, single[rows.margin], place[rows.node, rows.margin])
+    return np.where(once, single[rows.margin], np.where(rows.after == 0, place[rows.node, rows.margin], -1))
 
 
 def _remembered(now: _Now, found: _Found, limits: tuple[int, ...], kept: bool) -> Memory:

@@ -24,11 +24,11 @@ from obsdesign.design.infeasibility import why_unreachable
 from obsdesign.design.limits import is_feasible, shortfalls
 from obsdesign.design.starts import start_inputs
 
-STEP, FINER = 0.5, 10
+STEP, FINER, FINEST = 0.5, 10, 1000  # instants of a step at which missions are drawn, and answers are judged
 BEACON = (4.0, 6.0)
 SCALE = (5.0, 5.0, 0.5, 0.3, 0.3)
 REFUSED = 2  # missions without an answer that are asked for their reason, which takes seconds
-SHARE = 1e-5  # of a limit's own size by which it may be missed
+SHARE = 1e-6  # of a limit's own size by which it may be missed
 Random = np.random.Generator
 
 # ---------------------------------------------------------------- flown by hand
@@ -36,7 +36,7 @@ Random = np.random.Generator
 
 @dataclass(frozen=True)
 class Flown:
-    """A path by hand: t (F,), x, y, heading (F,) and velocity over ground (F, 2), ten instants a step and the end."""
+    """A path by hand: t (F,), x, y, heading (F,) and velocity over ground (F, 2), so many instants a step and the end."""
 
     t: np.ndarray
     place: np.ndarray
@@ -44,32 +44,30 @@ class Flown:
     velocity: np.ndarray
 
 
-def flown(start: np.ndarray, air: np.ndarray, turn: np.ndarray) -> Flown:
+def flown(start: np.ndarray, air: np.ndarray, turn: np.ndarray, finer: int = FINER) -> Flown:
     """Arcs in the moving air, in closed form: airspeed and turn rate (N,) are held over each step."""
-    share = np.arange(FINER) / FINER * STEP
-    x, y, heading = start[:3]
-    places, headings, speeds = [], [], []
-    for v, w in zip(air, turn, strict=True):
-        along = [arc(x, y, heading, v, w, s) for s in (*share, STEP)]
-        places += [each[:2] for each in along[:-1]]
-        headings += [each[2] for each in along[:-1]]
-        speeds += [v] * FINER
-        x, y, heading = along[-1]
-    t = np.arange(len(air) * FINER + 1) * STEP / FINER
-    place = np.array([*places, (x, y)]) + t[:, None] * start[3:]
-    headings, speeds = np.array([*headings, heading]), np.array([*speeds, air[-1]])
+    heading = start[2] + np.append(0.0, np.cumsum(turn)) * STEP
+    chords = chord(air, turn, STEP) * np.exp(1j * (heading[:-1] + turn * STEP / 2))
+    nodes = start[0] + 1j * start[1] + np.append(0.0, np.cumsum(chords))
+    s = np.arange(finer) / finer * STEP
+    w = turn[:, None] * s
+    inner = nodes[:-1, None] + chord(air[:, None], turn[:, None], s) * np.exp(1j * (heading[:-1, None] + w / 2))
+    z, headings = np.append(inner, nodes[-1]), np.append(heading[:-1, None] + w, heading[-1])
+    t = np.arange(len(air) * finer + 1) * STEP / finer
+    place = np.column_stack([z.real, z.imag]) + t[:, None] * start[3:]
+    speeds = np.append(np.repeat(air, finer), air[-1])
     velocity = speeds[:, None] * np.column_stack([np.cos(headings), np.sin(headings)]) + start[3:]
     return Flown(t, place, headings, velocity)
 
 
-def flown_with(problem: od.DesignProblem, u: np.ndarray) -> Flown:
-    return flown(problem.x0, u[:, 0] if u.shape[1] == 2 else np.full(len(u), problem.system.vehicle.speed), u[:, -1])
+def chord(v: Any, w: Any, s: Any) -> Any:
+    """2 v / w sin(w s / 2): how far an arc leads in s seconds, along the mean heading."""
+    return v * s * np.sinc(w * s / 2 / np.pi)
 
 
-def arc(x: float, y: float, heading: float, v: float, w: float, s: float) -> tuple[float, float, float]:
-    """Where one is after s seconds: a chord of length 2 v / w sin(w s / 2) along the mean heading."""
-    chord = v * s * np.sinc(w * s / 2 / np.pi)
-    return x + chord * math.cos(heading + w * s / 2), y + chord * math.sin(heading + w * s / 2), heading + w * s
+def flown_with(problem: od.DesignProblem, u: np.ndarray, finer: int = FINER) -> Flown:
+    air = u[:, 0] if u.shape[1] == 2 else np.full(len(u), problem.system.vehicle.speed)
+    return flown(problem.x0, air, u[:, -1], finer)
 
 
 def distance(path: Flown, point: tuple[float, float]) -> np.ndarray:
@@ -138,7 +136,7 @@ def missed(limit: AbstractConstraint, path: Flown) -> float:  # noqa: PLR0911  #
 def cost_by_hand(cost: Any, path: Flown, u: np.ndarray) -> float:
     """Length over ground with the velocity at the beginning of each step; effort of the turn rate."""
     if isinstance(cost, od.PathLength):
-        return float(np.hypot(*path.velocity[:-1:FINER].T).sum() * STEP)
+        return float(np.hypot(*path.velocity[: -1 : (len(path.t) - 1) // len(u)].T).sum() * STEP)
     return float((u[:, -1] ** 2).sum() * STEP)
 
 
@@ -339,8 +337,8 @@ LIMITS: tuple[Callable[[Flown, Random], AbstractConstraint | None], ...] = (
 
 def require_all_kept(problem: od.DesignProblem, found: Climbed) -> None:
     """Every limit of an answered mission, by hand; and its value."""
-    u, path = found.path.u, flown_with(problem, found.path.u)
-    np.testing.assert_allclose(found.path.x[:, :2], path.place[::FINER], atol=1e-3)
+    u, path = found.path.u, flown_with(problem, found.path.u, FINEST)
+    np.testing.assert_allclose(found.path.x[:, :2], path.place[::FINEST], atol=1e-3)
     assert len(u) == problem.steps
     width = problem.upper - problem.lower
     assert np.all((u >= problem.lower - SHARE * width) & (u <= problem.upper + SHARE * width))
@@ -397,7 +395,7 @@ def require_a_reason(problem: od.DesignProblem, seed: int) -> None:
     """A status, no number that looks like an answer, and a limit that is named; or a path after all, which keeps them all."""
     design = od.design_trajectory(problem, starts=1, seed=seed, throw=False)
     if design.status.has_answer:
-        path = flown_with(problem, design.trajectory.u)
+        path = flown_with(problem, design.trajectory.u, FINEST)
         assert max((missed(limit, path) for limit in problem.constraints), default=0.0) <= SHARE
         return
     assert design.trajectory is None

@@ -160,8 +160,8 @@ def test_multipliers_of_limits_stay_with_their_instants(planner: Planner, first:
     rows, before = first.memory.rows, first.memory.warm.multipliers
     planner.step(flown(START, first, 1.0), first)
     later, after = seen[0]
-    old = dict(zip(zip(rows.node - 4, rows.margin, strict=True), before.rows, strict=False))
-    found = dict(zip(zip(later.node, later.margin, strict=True), after.rows, strict=False))
+    old = dict(zip(zip(rows.node - 4, rows.margin, rows.after, strict=True), before.rows, strict=False))
+    found = dict(zip(zip(later.node, later.margin, later.after, strict=True), after.rows, strict=False))
     assert max(before.rows) > 0 and len(found) == len(later.node)
     assert all(found[place] == old.get(place, 0.0) for place in found)
     np.testing.assert_array_equal(after.matrices, before.matrices)

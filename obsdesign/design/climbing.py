@@ -84,7 +84,7 @@ def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -
         following = tightened(problem, path, rows, factor) if checked and solution.status.has_answer else None
         if following is None or round_ == len(_FACTORS) - 1:
             return _climbed(task.name, path, solution, done, solution.status if following is None else Status.ITERATION_LIMIT)
-        rows = following
+        warm, rows = replace(warm, multipliers=warm.multipliers.with_rows(len(rows.node), len(following.node))), following
     raise AssertionError("the last round returns")
 
 

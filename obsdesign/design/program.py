@@ -8,11 +8,13 @@ import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
 from obsdesign.design.climbable import AbstractProgram
+from obsdesign.design.instants import Instants, instants_of
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.recursion import gramian_recursion, posterior_recursion
+from obsdesign.design.rows import placed
 from obsdesign.design.steering import inputs_of
-from obsdesign.design.values import Multipliers, Rows, Slopes, Values
+from obsdesign.design.values import NO_ROWS, Multipliers, Rows, Slopes, Values
 from obsdesign.design.variation import Along, Injected, Linear, Variation, carried
 from obsdesign.information.colour import colour_of
 from obsdesign.information.counting import counting
@@ -43,7 +45,7 @@ class Program(AbstractProgram):
         self._inputs = inputs_of(problem.path, problem.grid)
         costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
         self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs) if problem.constraints or costs else None
-        self.rows = Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0)) if rows is None else rows
+        self.rows = NO_ROWS if rows is None else rows
         # the path itself comes first; draws of the prior, where there are any, are judged in its place
         draws = [] if problem.robust is None else [problem.robust.draws(problem.robust.samples, 0)]
         self._starts = np.vstack([problem.x0[None], *draws])
@@ -51,6 +53,10 @@ class Program(AbstractProgram):
         self._frame = np.outer(problem.units, problem.units)
         self._most = np.array([budget.at_most for budget in problem.budgets])
         self._per_unit = np.array([price.per_unit for price in problem.prices])
+
+    @cached_property
+    def _instants(self) -> Instants:
+        return instants_of(self.problem.system.model, self.problem.constraints)
 
     @property
     def q(self) -> int:
@@ -79,11 +85,10 @@ class Program(AbstractProgram):
         totals = self._node_values(along)
         price = float(self._per_unit @ totals[1][: len(self._per_unit)])
         budgets = 1 - totals[1][len(self._per_unit) :] / self._most
-        node = self.rows.placed(totals[0])
-        chosen = totals[0][node, self.rows.margin] - self.rows.allowance if len(node) else np.zeros(0)
-        rows = np.concatenate([chosen, budgets, self._rate_rows(p)[0]])
+        place = placed(self.problem, self.rows, along.z[0, :, : self.n], along.u[0], totals[0])
+        rows = np.concatenate([place.values - self.rows.allowance, budgets, self._rate_rows(p)[0]])
         matrices = self.problem.counted(unpacked(sums[self.judged], self.n))
-        return Values(p, along, windows, matrices, floors, rows, price, node)
+        return Values(p, along, windows, matrices, floors, rows, price, place.node, place.after)
 
     def margins(self, values: Values) -> np.ndarray:
         """Return all margins (N+1, r) of the constraints at all nodes."""
@@ -157,6 +162,10 @@ class Program(AbstractProgram):
         ends = np.vstack([M, M[-1:]])
         node, margin = values.node, self.rows.margin
         at_rows = both[node, margin]
+        later = np.flatnonzero(values.after > 0)
+        if later.size:
+            k = node[later]
+            at_rows[later] = self._instants.slopes(x[k], u[k], values.after[later])[np.arange(len(k)), margin[later]]
         rows = np.matmul(at_rows[:, None, :n], G[0, node, :n])[:, 0]
         if np.any(at_rows[:, n:]):
             rows = rows + np.matmul(at_rows[:, None, n:], ends[node])[:, 0]
@@ -201,15 +210,31 @@ class Program(AbstractProgram):
         g, H = np.zeros((runs, self.steps + 1, v)), np.zeros((runs, self.steps + 1, v, v))
         if self._nodes is not None:
             count, rows = self._nodes.margins, len(self.rows.node)
-            weights = np.zeros((self.steps + 1, len(self._nodes.owner)))
-            np.add.at(weights, (values.node, self.rows.margin), -multipliers.rows[:rows])
+            weights, now = np.zeros((self.steps + 1, len(self._nodes.owner))), values.after == 0
+            np.add.at(weights, (values.node[now], self.rows.margin[now]), -multipliers.rows[:rows][now])
             budgets = multipliers.rows[rows : rows + len(self._most)]
             weights[:-1, count:] = self.problem.step * np.concatenate([multipliers.price * self._per_unit, budgets / self._most])
             wanted = np.flatnonzero(weights.any(axis=1))
             if wanted.size:
                 x, u = self._places(values.along)
                 g[0, wanted], H[0, wanted] = self._nodes.bends(x[wanted], u[wanted], weights[wanted])
+            self._inject_later(values, multipliers, g[0], H[0])
         return Injected(g, H)
+
+    def _inject_later(self, values: Values, multipliers: Multipliers, g: np.ndarray, H: np.ndarray) -> None:
+        """Add to g (N+1, v) and H (N+1, v, v) what rows between the nodes bend."""
+        later = np.flatnonzero((values.after > 0) & (multipliers.rows[: len(values.after)] != 0))
+        if later.size:
+            (x, u), k = self._places(values.along), values.node[later]
+            weights = np.zeros((len(later), self._nodes.margins if self._nodes else 0))
+            weights[np.arange(len(later)), self.rows.margin[later]] = -multipliers.rows[later]
+            slope, bend = self._instants.bends(x[k], u[k], values.after[later], weights)
+            np.add.at(g, k, slope)
+            np.add.at(H, k, bend)
+            once = np.isin(later, [row for choice in self.rows.choices for row in choice.rows])
+            if once.any():
+                more = self._instants.following(x[k[once]], u[k[once]], values.after[later[once]])
+                np.add.at(H, k[once], np.einsum("kr,krvw->kvw", weights[once], more))
 
     # ---------------------------------------------------------------- windows
 

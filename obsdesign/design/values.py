@@ -11,35 +11,39 @@ from obsdesign.design.variation import Along
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """Rows that must hold together at one node only, any of `nodes`: they are taken where they hold best."""
+    """Rows that must hold together at one instant only, any from `first` to `last` [s]: they are taken where they hold best."""
 
     rows: np.ndarray
-    nodes: np.ndarray
+    first: float
+    last: float
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Which margins must hold at which nodes, and by how much more than 0: node, margin and allowance (r,)."""
+    """Which margins must hold when, and by how much more than 0: node, margin, allowance (r,), and seconds after the node (r,)."""
 
     node: np.ndarray
     margin: np.ndarray
     allowance: np.ndarray
+    after: np.ndarray
     choices: tuple[Choice, ...] = ()
 
-    def placed(self, margins: np.ndarray) -> np.ndarray:
-        """Return the node (r,) of every row for margins (N+1, .) at all nodes."""
-        if not self.choices:
-            return self.node
-        node = self.node.copy()
-        for choice in self.choices:
-            least = margins[np.ix_(choice.nodes, self.margin[choice.rows])].min(axis=1)
-            node[choice.rows] = choice.nodes[int(least.argmax())]
-        return node
+    def of(self, chosen: np.ndarray) -> Rows:
+        """Return some of the rows, all of which hold at an instant of their own."""
+        return Rows(self.node[chosen], self.margin[chosen], self.allowance[chosen], self.after[chosen])
+
+    def with_more(self, more: Rows) -> Rows:
+        """Return these rows, followed by others that hold at an instant of their own."""
+        pairs = zip((self.node, self.margin, self.allowance, self.after), (more.node, more.margin, more.allowance, more.after), strict=True)
+        return Rows(*(np.concatenate(pair) for pair in pairs), self.choices)
+
+
+NO_ROWS = Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0 at node, price."""
+    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0 so long after node, price."""
 
     p: np.ndarray
     along: Along
@@ -49,6 +53,7 @@ class Values:
     rows: np.ndarray
     price: float
     node: np.ndarray
+    after: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,3 +81,8 @@ class Multipliers:
     def times(self, factor: float) -> Multipliers:
         """Return all of them multiplied."""
         return Multipliers(self.matrices * factor, self.floors * factor, self.rows * factor, self.price * factor)
+
+    def with_rows(self, before: int, after: int) -> Multipliers:
+        """Return multipliers for more rows of constraints than before: nothing for those that are new."""
+        more = np.concatenate([self.rows[:before], np.zeros(after - before), self.rows[before:]])
+        return Multipliers(self.matrices, self.floors, more, self.price)
