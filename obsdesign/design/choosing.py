@@ -11,7 +11,7 @@ from obsdesign.criteria.log_det import LogDet
 from obsdesign.design.aim import Judged
 from obsdesign.design.caps import cap_of
 from obsdesign.design.climbing import Climbed, Task, climbed
-from obsdesign.design.infeasibility import explained
+from obsdesign.design.feasibility import Sought
 from obsdesign.design.limits import is_feasible, price_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap, Design, Optimum, Robustness, Start
@@ -24,6 +24,7 @@ _DISTINCT = 1e-4  # relative difference between optima that are not the same
 _SMOOTH = 1e-3  # the same, for a posterior: the program's arithmetic is plainer there
 _LOST = 1e-11  # share of the largest eigenvalue below which a smallest one is rounding
 _FRESH = 1000
+_STOPPED = "no climb came to an end: the best path that keeps all limits"
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +35,21 @@ class _Attempt:
     start: Start
 
 
-def chosen(problem: DesignProblem, coarse: Sequence[Climbed], refined: Sequence[Climbed], nearest: Climbed | None = None) -> Design:
+def chosen(problem: DesignProblem, coarse: Sequence[Climbed], refined: Sequence[Climbed], found: Sought | None = None) -> Design:
     """Return the best of the refined climbs as a Design, with what every start came to.
 
-    nearest: the path of least shortfall, for the explanation where none has an answer.
+    found: the path that came nearest to keeping all limits. Where no climb has come to an end, the best path that keeps them is the
+    answer, be it that one or where a climb stopped: GAP_OPEN.
     """
     attempts = [_attempt(problem, found, refined=True) for found in refined]
     known = {attempt.start.name: attempt.start for attempt in attempts}
     starts = tuple(known.get(found.name) or _attempt(problem, found, refined=False).start for found in coarse)
     answered = [attempt for attempt in attempts if attempt.start.status.has_answer]
     if not answered:
-        return _failed(problem, starts, nearest)
+        stopped = _kept(problem, (*coarse, *refined), found)
+        return (
+            _failed(problem, starts) if stopped is None else replace(_recorded(problem, stopped, starts, cap_of(problem)), reason=_STOPPED)
+        )
     cap = cap_of(problem)
     best = max(attempt.start.value for attempt in answered)
     tied = [attempt for attempt in answered if attempt.start.value >= best - _AGREEMENT * abs(best)]
@@ -130,10 +135,25 @@ def _robustness(problem: DesignProblem, path: Trajectory) -> Robustness | None:
     return Robustness(_FRESH, float(each[0]), float(each[_FRESH // 20]), float(each.mean()))
 
 
-def _failed(problem: DesignProblem, starts: tuple[Start, ...], nearest: Climbed | None) -> Design:
-    """A design without an answer: the study's "no" only where every start says so, and then why."""
+def _kept(problem: DesignProblem, climbs: Sequence[Climbed], found: Sought | None) -> _Attempt | None:
+    """The best path that keeps all limits of those that climbs stopped at and of the one that was looked for; None without."""
+    ends = [each for each in climbs if is_feasible(problem, each.path)]
+    if found is not None and found.keeps_all:
+        ends.append(unclimbed(found))
+    attempts = [
+        _Attempt(each, Start(each.name, Status.GAP_OPEN, objective_of(problem, each.path), each.iterations, each.residual)) for each in ends
+    ]
+    return max(attempts, key=lambda each: np.nan_to_num(each.start.value, nan=-np.inf), default=None)
+
+
+def unclimbed(found: Sought) -> Climbed:
+    """Return a path that keeps all limits as what no climb has come to."""
+    return Climbed("a path within the limits", found.p, found.path.u, found.path, np.nan, Status.GAP_OPEN, 0, np.nan, None)
+
+
+def _failed(problem: DesignProblem, starts: tuple[Start, ...]) -> Design:
+    """A design without an answer: the study's "no" only where every start says so."""
     statuses = {start.status for start in starts}
     no = statuses <= {Status.LOCALLY_INFEASIBLE}
     status = Status.LOCALLY_INFEASIBLE if no else min(statuses - {Status.LOCALLY_INFEASIBLE}, key=list(Status).index)
-    why = explained(problem, nearest)
-    return Design(problem, None, None, np.nan, status, starts, cap_of(problem), shortfalls=why.shortfalls, reason=why.in_words)
+    return Design(problem, None, None, np.nan, status, starts, cap_of(problem))

@@ -47,7 +47,7 @@ class Climbed:
     status: Status
     iterations: int
     residual: float
-    warm: Warm
+    warm: Warm | None
 
 
 def families_of(path: AbstractPath) -> tuple[AbstractPath, ...]:

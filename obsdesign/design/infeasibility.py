@@ -12,22 +12,23 @@ from obsdesign.constraints.goal import Goal
 from obsdesign.constraints.goal_pose import GoalPose
 from obsdesign.constraints.via import Via
 from obsdesign.costs.path_length import PathLength
-from obsdesign.design.aim import nothing
-from obsdesign.design.climbing import Climbed, Task, climbed
+from obsdesign.design.feasibility import Sought, sought
 from obsdesign.design.limits import Shortfall, is_feasible, shortfalls
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.starts import shortest_inputs, shortest_time
 
-_FACTORS = (1.2, 1.5, 2.0, 3.0, 4.0)  # durations and bounds so many times what is asked are tried as a relaxation
-_HALVINGS = 6
+# durations and bounds so many times what is asked are tried as a relaxation, from so many starts each
+_LONGER, _WIDER = (1.05, 1.1, 1.2, 1.3, 1.45, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0), (1.2, 1.5, 2.0, 3.0, 4.0)
+_TRIED, _HALVINGS = 8, 8
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """What stood in the way of the path that came nearest, and the smallest relaxations that were found."""
+    """What stood in the way of the path that came nearest, and the smallest relaxations that were found; answer: none did."""
 
     shortfalls: tuple[Shortfall, ...]
     in_words: str
+    answer: Sought | None = None
 
 
 # ---------------------------------------------------------------- before
@@ -91,38 +92,30 @@ def fastest_ground_speed(problem: DesignProblem) -> float | None:
 # ---------------------------------------------------------------- after
 
 
-def nearest_to_limits(problem: DesignProblem, found: Sequence[Climbed]) -> Climbed | None:
-    """Return the path of least shortfall: climbed to with limits alone, from where climbs ended and from the shortest way."""
-    tasks = [each.u for each in found[:2]]
-    shortest = shortest_inputs(problem)
-    tasks += [] if shortest is None else [shortest]
-    reached = [_to_limits(problem, u) for u in tasks]
-    return min(reached, key=lambda each: -min((s.margin for s in shortfalls(problem, each.path)), default=0.0), default=None)
+def explained(problem: DesignProblem, nearest: Sought, seed: int) -> Explanation:
+    """Return what the nearest path falls short of, and what would have to give: more time, or wider bounds.
 
-
-def rescued(problem: DesignProblem, nearest: Climbed | None) -> Climbed | None:
-    """Return a climb from a path that meets all limits, where one was found though no start has an answer."""
-    if nearest is None or not is_feasible(problem, nearest.path):
-        return None
-    return climbed(Task(problem, "from a path within the limits", nearest.u, (problem.path,), True))
-
-
-def explained(problem: DesignProblem, nearest: Climbed | None) -> Explanation:
-    """Return what the nearest path falls short of, and what would have to give: more time, or wider bounds."""
-    short = () if nearest is None else shortfalls(problem, nearest.path)
-    if nearest is None or not short:
-        return Explanation((), "a path within the limits was found, but no climb from it or from the starts came to an end")
-    words = [str(each) for each in short[:3]]
-    words += [text for text in (_wider_bounds(problem, nearest), _longer(problem, nearest)) if text]
+    A path that a relaxation leads to and that keeps all limits as they are is an answer: then there is nothing to explain.
+    """
+    short = shortfalls(problem, nearest.path)
+    found = [_wider_bounds(problem, nearest.path.u, seed), _longer(problem, nearest.path.u, seed)]
+    answer = next((each.sought for each in found if each.keeps_all), None)
+    if answer is not None:
+        return Explanation((), "", answer)
+    words = [f"none found in {nearest.starts} starts", *map(str, short[:3]), *(each.in_words for each in found if each.in_words)]
     return Explanation(short, "; ".join(words))
 
 
-def _to_limits(problem: DesignProblem, u: np.ndarray) -> Climbed:
-    bare = replace(problem, prices=(), robust=None)
-    return climbed(Task(bare, "limits", u, (problem.path,), False, nothing(len(problem.x0))))
+@dataclass(frozen=True, eq=False)
+class _Relaxed:
+    """What a relaxation led to: in words, "" if nowhere; keeps_all: to a path that needs no relaxation."""
+
+    in_words: str = ""
+    sought: Sought | None = None
+    keeps_all: bool = False
 
 
-def _wider_bounds(problem: DesignProblem, nearest: Climbed) -> str:
+def _wider_bounds(problem: DesignProblem, u: np.ndarray, seed: int) -> _Relaxed:
     """Say by how much which input would have to exceed its bounds, and when; "" if that does not help."""
 
     def with_bounds(factor: float) -> DesignProblem:
@@ -131,65 +124,66 @@ def _wider_bounds(problem: DesignProblem, nearest: Climbed) -> str:
         wide = {name: (float(c - h), float(c + h)) for name, c, h in zip(names, centre, half, strict=True)}
         return replace(problem, bounds=wide)
 
-    found = _least(with_bounds, _FACTORS, nearest.u, 1e-2)
+    found = _least(with_bounds, _WIDER, u, seed, 1e-2)
     if found is None:
-        return ""
-    path = found.reached.path
+        return _Relaxed()
+    path = found.sought.path
+    if is_feasible(problem, path):
+        return _Relaxed("", found.sought, keeps_all=True)
     beyond = np.maximum(path.u - problem.upper, problem.lower - path.u)
     k, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    if not beyond[k, j] > 0:
+        return _Relaxed()
     signal = problem.system.model.inputs[int(j)]
-    return f"feasible with {signal.name.replace('_', ' ')} at {path.t[k]:.4g} s exceeded by {beyond[k, j]:.2g} {signal.unit}".rstrip()
+    what = signal.name.replace("_", " ")
+    return _Relaxed(f"feasible with {what} at {path.t[k]:.4g} s exceeded by {beyond[k, j]:.2g} {signal.unit}".rstrip(), found.sought)
 
 
-def _longer(problem: DesignProblem, nearest: Climbed) -> str:
+def _longer(problem: DesignProblem, u: np.ndarray, seed: int) -> _Relaxed:
     """Say from which duration on a path was found; "" if none was."""
     if all(constraint.span.last is not None for constraint in problem.constraints):
-        return ""
+        return _Relaxed()
 
     def lasting(factor: float) -> DesignProblem:
         return problem.lasting(max(1, round(factor * problem.longest / problem.step)) * problem.step)
 
     soonest = shortest_time(problem)
     first = () if soonest is None or soonest <= problem.longest else ((soonest + problem.step) / problem.longest,)
-    found = _least(lasting, tuple(sorted({*first, *_FACTORS})), nearest.u, problem.step / problem.longest)
-    return "" if found is None else f"feasible from {lasting(found.factor).longest:.4g} s"
+    found = _least(lasting, tuple(sorted({*first, *_LONGER})), u, seed, problem.step / problem.longest)
+    return _Relaxed() if found is None else _Relaxed(f"feasible from {lasting(found.factor).longest:.4g} s", found.sought)
 
 
 @dataclass(frozen=True, eq=False)
-class _Relaxed:
+class _Factor:
     """The least factor at which a path was found, and that path."""
 
     factor: float
-    reached: Climbed
+    sought: Sought
 
 
-def _least(make: Callable[[float], DesignProblem], factors: Sequence[float], u: np.ndarray, width: float) -> _Relaxed | None:
-    """Try growing factors until a path is found, then bisect between the last that failed and the first that did not."""
+def _least(make: Callable[[float], DesignProblem], factors: Sequence[float], u: np.ndarray, seed: int, width: float) -> _Factor | None:
+    """Try growing factors until a path is found, then halve between the last that failed and the first that did not."""
     low = 1.0
     for factor in factors:
-        reached = _tried(make(factor), u)
-        if reached is not None:
-            return _bisected(make, low, _Relaxed(factor, reached), width)
+        reached = _tried(make(factor), u, seed)
+        if reached.keeps_all:
+            return _bisected(make, low, _Factor(factor, reached), seed, width)
         low = factor
     return None
 
 
-def _bisected(make: Callable[[float], DesignProblem], low: float, found: _Relaxed, width: float) -> _Relaxed:
+def _bisected(make: Callable[[float], DesignProblem], low: float, found: _Factor, seed: int, width: float) -> _Factor:
     for _ in range(_HALVINGS):
-        if found.factor - low <= width:
+        if found.factor - low <= width * (1 + 1e-9):
             break
         middle = (low + found.factor) / 2
-        reached = _tried(make(middle), found.reached.u)
-        low, found = (middle, found) if reached is None else (low, _Relaxed(middle, reached))
+        reached = _tried(make(middle), found.sought.path.u, seed)
+        low, found = (low, _Factor(middle, reached)) if reached.keeps_all else (middle, found)
     return found
 
 
-def _tried(problem: DesignProblem, u: np.ndarray) -> Climbed | None:
-    """Return a path that meets all limits, from inputs u stretched, or from the shortest way; None where neither led to one."""
+def _tried(problem: DesignProblem, u: np.ndarray, seed: int) -> Sought:
+    """Look for a path that keeps all limits, from inputs u stretched, the shortest way, and a few others."""
     shortest = shortest_inputs(problem)
     stretched = u[np.minimum(np.arange(problem.steps) * len(u) // problem.steps, len(u) - 1)]
-    for each in [stretched, *([] if shortest is None else [shortest])]:
-        reached = _to_limits(problem, each)
-        if is_feasible(problem, reached.path):
-            return reached
-    return None
+    return sought(problem, seed, (stretched, *([] if shortest is None else [shortest])), _TRIED)

@@ -11,7 +11,7 @@ from obsdesign.design.climbable import AbstractProgram
 from obsdesign.design.instants import Instants, instants_of
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.recursion import gramian_recursion, posterior_recursion
+from obsdesign.design.recursion import bare_recursion, gramian_recursion, posterior_recursion
 from obsdesign.design.rows import placed
 from obsdesign.design.steering import inputs_of
 from obsdesign.design.values import NO_ROWS, Multipliers, Rows, Slopes, Values
@@ -28,28 +28,31 @@ class Program(AbstractProgram):
     """The functions of one problem with one duration. Nothing changes after construction.
 
     segments: where errors are not independent, count the amounts that `segment_information` has for so many segments, linear in
-    the weights, instead of all that the samples say together.
+    the weights, instead of all that the samples say together. judged: otherwise no information is carried along the path, its
+    matrix is 0 and limits alone count; not with a floor.
     """
 
-    def __init__(self, problem: DesignProblem, rows: Rows | None = None, segments: int | None = None) -> None:
+    def __init__(self, problem: DesignProblem, rows: Rows | None = None, segments: int | None = None, judged: bool = True) -> None:
         self.problem, model = problem, problem.system.model
         self.n, self.m, self.steps = len(model.states), len(model.inputs), problem.steps
-        known, step = problem.criterion.knowledge, problem.step
-        self._variation = _variation_of(model, step, known, segments is not None)
+        self._is_judged = judged or problem.floor is not None
+        known, step = problem.criterion.knowledge if self._is_judged else None, problem.step
+        self._variation = _variation_of(model, step, known, segments is not None) if self._is_judged else _bare_variation_of(model, step)
         self._due = sampled(problem.system, self.steps, step).astype(float)
         self._sensors, aside = self._due.shape[1], _beside(model, self._due, known, segments)
         if problem.weights is not None:
             self._due = self.due(np.asarray(problem.weights))
-        self._due = np.hstack([self._due, *aside])
+        self._due = np.hstack([self._due, *(aside if self._is_judged else ())])
         self.lower, self.upper = problem.path.box(problem.grid)
         self._inputs = inputs_of(problem.path, problem.grid)
         costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
         self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs) if problem.constraints or costs else None
         self.rows = NO_ROWS if rows is None else rows
         # the path itself comes first; draws of the prior, where there are any, are judged in its place
-        draws = [] if problem.robust is None else [problem.robust.draws(problem.robust.samples, 0)]
+        robust = problem.robust if self._is_judged else None
+        draws = [] if robust is None else [robust.draws(robust.samples, 0)]
         self._starts = np.vstack([problem.x0[None], *draws])
-        self.judged = slice(0 if problem.robust is None else 1, len(self._starts))
+        self.judged = slice(0 if robust is None else 1, len(self._starts))
         self._frame = np.outer(problem.units, problem.units)
         self._most = np.array([budget.at_most for budget in problem.budgets])
         self._per_unit = np.array([price.per_unit for price in problem.prices])
@@ -87,7 +90,7 @@ class Program(AbstractProgram):
         budgets = 1 - totals[1][len(self._per_unit) :] / self._most
         place = placed(self.problem, self.rows, along.z[0, :, : self.n], along.u[0], totals[0])
         rows = np.concatenate([place.values - self.rows.allowance, budgets, self._rate_rows(p)[0]])
-        matrices = self.problem.counted(unpacked(sums[self.judged], self.n))
+        matrices = self.problem.counted(unpacked(sums[self.judged], self.n)) if self._is_judged else np.zeros((1, self.n, self.n))
         return Values(p, along, windows, matrices, floors, rows, price, place.node, place.after)
 
     def margins(self, values: Values) -> np.ndarray:
@@ -149,6 +152,8 @@ class Program(AbstractProgram):
 
     def _summed(self, linear: Linear, G: np.ndarray) -> np.ndarray:
         """Derivatives (M, q, n, n) of S W S, W the sum of the gains."""
+        if not self._is_judged:
+            return np.zeros((1, G.shape[-1], self.n, self.n))
         runs, steps, b, c = linear.D.shape
         D = linear.D.transpose(0, 2, 1, 3).reshape(runs, b, steps * c)
         return unpacked((D @ G[:, :-1].reshape(runs, steps * c, -1)).swapaxes(1, 2), self.n) * self._frame
@@ -183,7 +188,8 @@ class Program(AbstractProgram):
         injected = self._injected(values, multipliers)
         H, pushed = self._window_bends(values, slopes, multipliers, injected)
         weights = np.zeros((len(self._starts), self._variation.b))
-        weights[self.judged] = self._weights(multipliers.matrices)
+        if self._is_judged:
+            weights[self.judged] = self._weights(multipliers.matrices)
         second = self._variation.second(values.along, weights, injected)
         H += _folded(second.K, second.R, slopes.G[:, :-1], slopes.M)
         if not self._inputs.is_linear:
@@ -311,3 +317,8 @@ def _beside(model: Model, due: np.ndarray, known: Knowledge | None, segments: in
 def _variation_of(model: Model, step: float, known: Knowledge | None, counted: bool) -> Variation:
     recursion = gramian_recursion(model, step, counted) if known is None else posterior_recursion(model, step, known)
     return Variation(recursion, len(model.states))
+
+
+@lru_cache(CACHED)
+def _bare_variation_of(model: Model, step: float) -> Variation:
+    return Variation(bare_recursion(model, step), len(model.states))

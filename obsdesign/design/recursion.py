@@ -59,6 +59,13 @@ def gramian_recursion(model: Model, step: float, counted: bool = False) -> Recur
 
 
 @lru_cache(CACHED)
+def bare_recursion(model: Model, step: float) -> Recursion:
+    """Carry the state alone, and gain nothing."""
+    one = step_of(model, step).without_disturbance()
+    return Recursion(one.x, one.u, ca.SX.sym("due", len(model.channels)), one.x_next, ca.SX(0, 1), np.zeros(0))
+
+
+@lru_cache(CACHED)
 def posterior_recursion(model: Model, step: float, known: Knowledge) -> Recursion:
     """Carry J, packed, before the samples of t_k: J+ = M - M B (B'M B + Q^-1)^-1 B'M with M = F^-T (J + C'R^-1 C) F^-1.
 

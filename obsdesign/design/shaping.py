@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from time import perf_counter
 
@@ -14,17 +14,20 @@ from obsdesign.analysis.question import observability
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.design.aim import aim_of, value_of
+from obsdesign.design.caps import cap_of
 from obsdesign.design.choosing import chosen
 from obsdesign.design.climbing import Climbed, Task, climbed, families_of
 from obsdesign.design.evidence import evidence_for
-from obsdesign.design.infeasibility import nearest_to_limits, rescued, why_unreachable
+from obsdesign.design.feasibility import Sought, sought
+from obsdesign.design.infeasibility import explained, why_unreachable
 from obsdesign.design.limits import is_feasible
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Program
-from obsdesign.design.record import Design
+from obsdesign.design.record import Design, Start
 from obsdesign.design.starts import start_inputs
 from obsdesign.errors import SolveError, UnobservableError
 from obsdesign.paths.abstract import AbstractPath
+from obsdesign.paths.dubins_path import DubinsPath
 from obsdesign.status import Status
 
 _SKIPPED = 20
@@ -69,45 +72,91 @@ def design_trajectory(
     return design
 
 
+@dataclass(frozen=True, eq=False)
+class _Designed:
+    """A design, and where it has no answer the path that came nearest to keeping all limits."""
+
+    design: Design
+    nearest: Sought | None = None
+
+    @property
+    def rank(self) -> float:
+        """What is maximised, -inf without an answer."""
+        return self.design.objective if self.design.status.has_answer else -np.inf
+
+    @property
+    def order(self) -> tuple[bool, float, float]:
+        """What is better is larger: an answer, its objective, how near to the limits."""
+        answered = self.design.status.has_answer
+        return answered, self.rank, 0.0 if answered or self.nearest is None else self.nearest.margin
+
+
 def _best_duration(problem: DesignProblem, starts: int, seed: int, executor: Executor | None) -> Design:
     """Design for durations spread over the range, then for ever closer neighbours of the best."""
-    if problem.shortest == problem.longest:
-        return _designed(problem.lasting(problem.longest), starts, seed, executor)
     low, high = (round(duration / problem.step) for duration in (problem.shortest, problem.longest))
     spacing = max(1, -(-(high - low) // 4))
     found = {steps: _designed(problem.lasting(steps * problem.step), starts, seed, executor) for steps in _between(low, high, spacing)}
     while spacing > 1:
-        best = max(found, key=lambda steps: _rank(found[steps]))
+        best = max(found, key=lambda steps: found[steps].order)
         spacing = max(1, spacing // 2)
         for steps in (best - spacing, best + spacing):
             if low <= steps <= high and steps not in found:
-                found[steps] = _designed(problem.lasting(steps * problem.step), starts, seed, executor, near=found[best])
-    return max(found.values(), key=_rank)
+                near = found[best].design
+                found[steps] = _designed(problem.lasting(steps * problem.step), starts, seed, executor, near=near)
+    return _explained(max(found.values(), key=lambda each: each.order), seed)
 
 
 def _between(low: int, high: int, spacing: int) -> list[int]:
     return sorted({*range(low, high, spacing), high})
 
 
-def _rank(design: Design) -> float:
-    return design.objective if design.status.has_answer else -np.inf
+def _explained(found: _Designed, seed: int) -> Design:
+    """Return a design; one without an answer with the reason for that, or with an answer that was come upon in looking for it."""
+    design, nearest = found.design, found.nearest
+    if design.status.has_answer or nearest is None or not design.status.is_infeasible:
+        return design
+    why = explained(design.problem, nearest, seed)
+    if why.answer is not None:
+        return _from_within(design.problem, why.answer, [], [])
+    return replace(design, shortfalls=why.shortfalls, reason=why.in_words)
 
 
-def _designed(problem: DesignProblem, starts: int, seed: int, executor: Executor | None, near: Design | None = None) -> Design:
-    """Design for one duration; near: a design of another duration, whose inputs, stretched, are one of the starts."""
+def _designed(problem: DesignProblem, starts: int, seed: int, executor: Executor | None, near: Design | None = None) -> _Designed:
+    """Design for one duration; near: a design of another duration, whose inputs, stretched, are one of the starts.
+
+    Before anything climbs, a path that keeps all limits is looked for: where many starts lead to none, no climb will.
+    """
     apply = map if executor is None else executor.map
     families = families_of(problem.path)
     named = list(islice(_usable_starts(problem, seed), starts))
     if near is not None and near.trajectory is not None:
         named = [("that of another duration", _stretched(near.trajectory.u, problem.steps)), *named[: max(1, starts // 2)]]
+    within = None
+    if problem.floor is None and (problem.constraints or problem.budgets or problem.rates):
+        within = sought(problem, seed, _known(problem, named))
+        if not within.keeps_all:
+            gone = tuple(Start(name, Status.LOCALLY_INFEASIBLE, np.nan, 0, np.nan) for name, _ in named)
+            return _Designed(Design(problem, None, None, np.nan, Status.LOCALLY_INFEASIBLE, gone, cap_of(problem)), within)
     coarse = list(apply(climbed, [Task(problem, name, u, families[:1], len(families) == 1) for name, u in named]))
     refined = coarse if len(families) == 1 else _refined(problem, families, coarse, executor)
     if any(each.status.has_answer and is_feasible(problem, each.path) for each in refined):
-        return chosen(problem, coarse, refined)
-    nearest = nearest_to_limits(problem, refined)
-    rescue = rescued(problem, nearest)
-    more = [] if rescue is None else [rescue]
-    return chosen(problem, [*coarse, *more], [*refined, *more], nearest)
+        return _Designed(chosen(problem, coarse, refined))
+    if within is None:
+        within = sought(problem, seed, tuple(each.u for each in refined[:2]))
+    if within.keeps_all:
+        return _Designed(_from_within(problem, within, coarse, refined))
+    return _Designed(chosen(problem, coarse, refined, within), within)
+
+
+def _known(problem: DesignProblem, named: Sequence[tuple[str, np.ndarray]]) -> tuple[np.ndarray, ...]:
+    """The starts of the climbs as the first ones to look near, but for a family that takes long to fit."""
+    return () if isinstance(problem.path, DubinsPath) else tuple(u for _, u in named)
+
+
+def _from_within(problem: DesignProblem, within: Sought, coarse: Sequence[Climbed], refined: Sequence[Climbed]) -> Design:
+    """Climb from a path that keeps all limits; that path itself is the answer where the climb has none."""
+    rescue = climbed(Task(problem, "from a path within the limits", within.path.u, (problem.path,), True))
+    return chosen(problem, [*coarse, rescue], [*refined, rescue], within)
 
 
 def _refined(
