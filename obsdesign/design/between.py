@@ -105,18 +105,21 @@ class Fine:
 
     def _halved(self, i: int, j: int, low: float, high: float) -> tuple[float, float]:
         """The same for one interval, cut into ever shorter ones."""
-        count = 1
-        for _ in range(_HALVINGS):
-            count *= 2
-            taus = np.linspace(low, high, count + 1)
-            x = self.instants.states(np.repeat(self.x[[i]], count + 1, axis=0), np.repeat(self.u[[i]], count + 1, axis=0), taus)
-            sides = np.array(self.instants.in_time(x, np.repeat(self.u[[i]], count + 1, axis=0)))[:, :, j]
-            width = (high - low) / count
-            share, value, error = _minimum(sides[:, :-1], sides[:, 1:], np.full(count, width), np.zeros(count), np.ones(count))
-            k = int(value.argmin())
-            if not ((error > _ROUGH) & (value - error < value[k])).any():
+        for halvings in range(1, _HALVINGS + 1):
+            tau, value, settled = self._parted(i, j, np.linspace(low, high, 2**halvings + 1))
+            if settled:
                 break
-        return float(taus[k] + share[k] * width), float(value[k])
+        return tau, value  # pyright: ignore[reportPossiblyUnboundVariable]  # there is a halving
+
+    def _parted(self, i: int, j: int, taus: np.ndarray) -> tuple[float, float, bool]:
+        """When a margin is least between instants taus after interval i begins, what it is, and whether finer ones say the same."""
+        x, u = np.repeat(self.x[[i]], len(taus), axis=0), np.repeat(self.u[[i]], len(taus), axis=0)
+        sides = np.array(self.instants.in_time(self.instants.states(x, u, taus), u))[:, :, j]
+        width = float(taus[1] - taus[0])
+        count = len(taus) - 1
+        share, value, error = _minimum(sides[:, :-1], sides[:, 1:], np.full(count, width), np.zeros(count), np.ones(count))
+        k = int(value.argmin())
+        return float(taus[k] + share[k] * width), float(value[k]), not ((error > _ROUGH) & (value - error < value[k])).any()
 
 
 def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:

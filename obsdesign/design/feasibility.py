@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
+from typing import Any
 
 import numpy as np
 
@@ -112,7 +113,7 @@ def _missed(problem: DesignProblem, every: np.ndarray) -> np.ndarray:
     owner, found = np.array(functions.owner), []
     size = max(1, _STATES // (grid.steps + 1))
     for first in range(0, len(every), size):
-        u = np.array([np.asarray(problem.path.inputs(p, grid), dtype=float).reshape(grid.steps, -1) for p in every[first : first + size]])  # pyright: ignore[reportArgumentType]
+        u = np.array([_inputs(problem, p) for p in every[first : first + size]])
         x = states_from(problem.system, np.tile(problem.x0, (len(u), 1)), u, problem.step)
         ends = np.concatenate([u, u[:, -1:]], axis=1)
         values = functions.values(x.reshape(-1, x.shape[2]), ends.reshape(-1, ends.shape[2])).reshape(*x.shape[:2], -1)
@@ -155,8 +156,13 @@ def _worked_on(problem: DesignProblem, p: np.ndarray, near: float) -> Sought:
     return Sought(path, p, margin, 1)
 
 
+def _inputs(problem: DesignProblem, p: np.ndarray) -> np.ndarray:
+    """Inputs (N, m) of parameters (q,)."""
+    u: Any = problem.path.inputs(p, problem.grid)  # pyright: ignore[reportArgumentType]  # serves both kinds
+    return np.asarray(u, dtype=float).reshape(problem.steps, -1)
+
+
 def _judged(problem: DesignProblem, p: np.ndarray) -> tuple[Trajectory, float]:
     """The path of parameters, and its least margin where that is below 0; 0 where all limits are kept."""
-    u = np.array(problem.path.inputs(p, problem.grid), dtype=float)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    path = simulate(problem.system, problem.x0, u.reshape(problem.steps, -1), problem.step)
+    path = simulate(problem.system, problem.x0, _inputs(problem, p), problem.step)
     return path, min((each.margin for each in shortfalls(problem, path)), default=0.0)

@@ -34,8 +34,9 @@ class Rows:
 
     def with_more(self, more: Rows) -> Rows:
         """Return these rows, followed by others that hold at an instant of their own."""
-        pairs = zip((self.node, self.margin, self.allowance, self.after), (more.node, more.margin, more.allowance, more.after), strict=True)
-        return Rows(*(np.concatenate(pair) for pair in pairs), self.choices)
+        node, margin = np.concatenate([self.node, more.node]), np.concatenate([self.margin, more.margin])
+        allowance, after = np.concatenate([self.allowance, more.allowance]), np.concatenate([self.after, more.after])
+        return Rows(node, margin, allowance, after, self.choices)
 
 
 NO_ROWS = Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
