@@ -593,6 +593,8 @@ class Planner:
         starts are tried; prior: what is known about x_now beside the samples that the plan counts, those at t = 0 among them, as
         Prior or information (n, n), None = the problem's `known`; deadline [s] of wall time from the call, None = none: then the
         same arguments give the same plan, `seconds` and the memory's pace apart.
+        Errors of samples that last begin anew in each plan: what earlier samples have told of them is not in `prior`, nor that they
+        are in it.
         The path is the better one of a climb from the previous path, moved on in time, and of that path itself; it breaks no
         limit if either of them breaks none. After a failure or at the deadline it is the previous path, moved on; where x_now is no
         state, from where that path is now, which is not called feasible.

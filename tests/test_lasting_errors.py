@@ -11,8 +11,8 @@ from scipy.linalg import toeplitz
 from stacked import stacked
 
 import obsdesign as od
+from obsdesign import flight as flying
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.flight import _coloured
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.simulation import readings
 from obsdesign.validation import _draws, _Task
@@ -298,6 +298,15 @@ def test_step_by_step_the_filter_keeps_what_it_has_learned_of_the_errors(seed: i
     np.testing.assert_allclose(belief.mean, together.mean[-1], rtol=1e-9, atol=1e-9)
 
 
+def test_a_design_for_one_sensor_whose_errors_last_has_the_information_of_its_path():
+    """Two outputs, one sensor: the least that can be indexed wrongly."""
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0, correlation=0.9, bias_floor=0.5),))
+    problem = od.DesignProblem(system, (0.0, 0.0, 0.0, 1.0, 1.0), 10.0, 0.5, od.PiecewiseConstant(4), {"turn_rate": (-0.5, 0.5)})
+    design = od.design_trajectory(problem, starts=1)
+    total = od.variational_gramian(system, design.trajectory).total
+    assert design.value == pytest.approx(np.linalg.eigvalsh(total)[0], rel=1e-9)
+
+
 # ---------------------------------------------------------------- both against draws
 
 R_JOINT = np.array([[4.0, 1.0, 0.2], [1.0, 4.0, -0.1], [0.2, -0.1, 0.04]])
@@ -340,9 +349,23 @@ def test_joint_errors_of_the_truth_have_their_covariance_at_each_instant_and_non
     spread = np.sqrt(np.diag(R_JOINT))
     for noise in (
         np.stack([_draws(task, run)[2] for run in task.runs]) * spread,
-        _coloured(flown, white, np.ones((4000, 3), dtype=bool))[0].reshape(1000, 4, 3) * spread,
+        flying._coloured(flown, white, np.ones((4000, 3), dtype=bool))[0].reshape(1000, 4, 3) * spread,
     ):
         runs, size = len(noise), np.outer(spread, spread)
         for k in range(4):
             np.testing.assert_allclose(noise[:, k].T @ noise[:, k] / runs / size, R_JOINT / size, atol=5 * math.sqrt(2 / runs))
         assert np.abs(noise[:, 0].T @ noise[:, 1] / runs / size).max() < 5 / math.sqrt(runs)
+
+
+@pytest.mark.parametrize("name", ["both", "joint"])
+def test_the_filter_of_a_flight_knows_how_well_it_does(name: str):
+    """Flown step by step, with what has been learned of the errors carried from one to the next: R nees is chi-square at every instant."""
+    system, runs, steps = NOISY[name], 150, 12
+    problem = od.DesignProblem(system, (0.0, 0.0, 0.3, 2.0, -1.0), 6.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.3, 0.3)})
+    prior = od.Prior(problem.x0, std=(3.0, 3.0, 0.03, 0.5, 0.5))
+    factor = np.diag(np.sqrt(np.array([0.01, 0.01, 1e-5, 1e-3, 1e-3]) * 0.5))
+    estimator, nees = ExtendedKalmanFilter(system, 0.5, factor @ factor.T), np.zeros((runs, steps + 1))
+    for seed in range(runs):
+        world = flying._world(problem, prior, None, factor, steps, seed)
+        nees[seed] = flying._flown(flying._Scene(problem, prior, estimator, world), lambda k, *_: np.array([0.3 * (-1) ** k])).nees
+    np.testing.assert_allclose(nees.mean(axis=0), 5.0, atol=5 * math.sqrt(2 * 5 / runs))

@@ -29,17 +29,19 @@ class Scans:
 
 
 def root_of(covariance: np.ndarray) -> np.ndarray:
-    """Return S (n, n), S S' = covariance, positive semidefinite."""
-    values, vectors = np.linalg.eigh(covariance)
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    """Return S (..., n, n), S S' = covariance, positive semidefinite, each state in its own unit."""
+    size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    unit = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / (unit[..., :, None] * unit[..., None, :]))
+    return unit[..., :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 
 def root_start(mean: np.ndarray, covariance: np.ndarray, nuisance: Nuisance) -> np.ndarray:
     """Return the carry (R, .) of beliefs about x, mean (R, n) and covariance (R, n, n), before the first sample."""
     (runs, n), a = mean.shape, len(nuisance.coloured)
     S = np.zeros((runs, n + nuisance.size, n + nuisance.size))
-    S[:, :n, :n] = np.linalg.cholesky(covariance)
-    S[:, n : n + a, n : n + a] = np.linalg.cholesky(nuisance.R)
+    S[:, :n, :n] = root_of(covariance)
+    S[:, n : n + a, n : n + a] = root_of(nuisance.R)
     S[:, n + a :, n + a :] = np.eye(len(nuisance.constant))
     return np.hstack([mean, np.zeros((runs, nuisance.size)), S.swapaxes(1, 2).reshape(runs, -1)])
 

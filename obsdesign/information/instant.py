@@ -42,7 +42,9 @@ def instant_of(model: Model, Phi: ca.SX, masked: bool, counted: bool = False) ->
         return Instant(taken, blocks, ca.SX(0, 1), ca.SX(0, 1), np.zeros(0))
     taken += [ca.SX.sym("share", len(blocks))]
     taken += [ca.SX.sym(name, count) for name, count in (("fresh", 1), ("factor", colour.q), ("spread", colour.q)) if counted]
-    samples = Taken(taken[0][colour.sensor_of], ca.SX.ones(colour.q) if counted else taken[1][colour.sensor_of], *taken[2:])
+    # by hand: a column of one entry, indexed by a list, would become a row
+    due, share = (ca.vertcat(*[each[s] for s in colour.sensor_of]) for each in taken[:2])
+    samples = Taken(due, ca.SX.ones(colour.q) if counted else share, *taken[2:])
     found = whitened(colour.apart if counted else colour, seen_of(model, colour, Phi), samples)
     for s, place in enumerate(colour.places):
         block = sum((found.information[j] for j in colour.outputs_of(s)), ca.SX(*blocks[place].shape))
