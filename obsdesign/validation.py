@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
-from obsdesign.checks import require_count
+from obsdesign.checks import as_array, require_count
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.gramian import require_fit
@@ -114,10 +114,13 @@ def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | 
         return mask
     if isinstance(schedule, Schedule) and not schedule.status.has_answer:
         raise InputError(f"schedule has no answer ({schedule.status.value}): there is nothing to validate")
-    chosen = np.asarray(schedule.chosen if isinstance(schedule, Schedule) else schedule, dtype=bool)
+    chosen = as_array("schedule", schedule.chosen if isinstance(schedule, Schedule) else schedule)
     if chosen.ndim != 2 or chosen.shape[1] != mask.shape[1] or not len(chosen) or path.steps % len(chosen):
         raise InputError(f"schedule has shape {chosen.shape}: must be (K, {mask.shape[1]}), with K a divisor of {path.steps} steps")
-    return mask & np.repeat(chosen, path.steps // len(chosen), axis=0)
+    if not np.isin(chosen, (0.0, 1.0)).all():
+        k, s = np.argwhere(~np.isin(chosen, (0.0, 1.0)))[0]
+        raise InputError(f"schedule[{k}, {s}] is {chosen[k, s]}: must be true or false")
+    return mask & np.repeat(chosen > 0, path.steps // len(chosen), axis=0)
 
 
 def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:

@@ -208,6 +208,20 @@ def test_a_failed_solver_is_exit_code_3_with_its_status_and_no_number(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["scenario.toml"]
 
 
+def test_a_fault_of_our_own_is_exit_code_3_with_its_traceback(tmp_path):
+    # 1 is an answer of the study
+    code = (
+        "import obsdesign.scenario.loading as loading\n"
+        "loading.load_scenario = lambda file: 1 / 0\n"
+        "from obsdesign.cli import main\n"
+        "main(['check', 'scenario.toml', '--json'])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert "Traceback" in done.stderr and "obsdesign: internal error, please report it: ZeroDivisionError" in done.stderr
+    assert json.loads(done.stdout)["exit_code"] == 3
+
+
 # ---------------------------------------------------------------- Ctrl-C
 
 # where the tests themselves run in the background, SIGINT is ignored and children inherit that

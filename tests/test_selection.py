@@ -477,8 +477,8 @@ def test_what_is_no_choice_is_refused():
         od.InputError, match="criterion is Posterior: its information is no sum over sensors, so no schedule is best for it"
     ):
         od.select_sensors(blocks, criterion=od.Posterior(od.Prior(np.zeros(2), [1.0, 1.0])))
-    for robust_to in (-1, 2, 0.5):
-        with pytest.raises(od.InputError, match=f"robust_to is {robust_to}: must be a whole number from 0 to 1"):
+    for robust_to, accepted in ((-1, "a whole number from 0 to 1"), (2, "a whole number from 0 to 1"), (0.5, "a whole number")):
+        with pytest.raises(od.InputError, match=f"robust_to is {robust_to}: must be {accepted}"):
             od.select_sensors(blocks, robust_to=robust_to)  # pyright: ignore[reportArgumentType]
 
 

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
+from threading import Lock
 
 from threadpoolctl import ThreadpoolController
 
+_TURN = Lock()
 
-def one_thread() -> AbstractContextManager[object]:
-    """Return a context in which linear algebra runs on one thread."""
-    return _controller().limit(limits=1)
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Run linear algebra on one thread, in the whole process, unless somebody has seen to that already.
+
+    Who sets the limit takes it back: of contexts that overlap in several threads, each saving and restoring by itself, the last
+    to leave would restore what the first had set. It is for speed alone, so it does not matter if the first leaves before others.
+    """
+    if not _TURN.acquire(blocking=False):
+        yield
+        return
+    try:
+        with _controller().limit(limits=1):
+            yield
+    finally:
+        _TURN.release()
 
 
 @cache

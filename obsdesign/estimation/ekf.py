@@ -8,6 +8,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from obsdesign.checks import all_finite
+from obsdesign.errors import InputError
 from obsdesign.estimation._roots import Scans, root_belief, root_of, root_scans, root_start
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.nuisance import Nuisance, nuisance_of
@@ -46,15 +48,20 @@ class ExtendedKalmanFilter:
         return self._once(self._scans.predict, belief, [u, self._added])
 
     def update(self, belief: Belief, y: np.ndarray, active: np.ndarray) -> Belief:
-        """Take in the outputs y (R, q) of those that are active, (q,) or (R, q); angle residuals wrap."""
+        """Take in the outputs y (R, q) of those that are active, (q,) or (R, q); angle residuals wrap.
+
+        Raises InputError for an active output that is not finite.
+        """
         each = np.broadcast_to(active, y.shape).astype(float)
+        _require_finite(self.system, y[None], each[None])
         return self._once(self._scans.update, belief, [y[:, None], each[:, None]])
 
     def run(self, first: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> Belief:
         """Return N+1 beliefs (N+1, R, ...): after the update at t_k for k < N, predicted at t_N.
 
-        u (N, m), y (N, R, q), active (N, q) or (N, R, q).
+        u (N, m), y (N, R, q), active (N, q) or (N, R, q). Raises InputError for an active output that is not finite.
         """
+        _require_finite(self.system, y, np.broadcast_to(active if active.ndim == 3 else active[:, None], y.shape))
         n, steps = first.mean.shape[1], len(u)
         each = active if active.ndim == 2 else np.swapaxes(active, 0, 1)
         rows = [u, np.swapaxes(y, 0, 1), each.astype(float), self._added]
@@ -90,6 +97,17 @@ class ExtendedKalmanFilter:
         if not self._nuisance.size:
             return Belief(carry[:, :n], unpacked(carry[:, n:], n))
         return Belief(*root_belief(carry, n, self._nuisance), carry)
+
+
+def _require_finite(system: AbstractSystem, y: np.ndarray, active: np.ndarray) -> None:
+    """Raise InputError for the first of the outputs y (N, R, q) that is active and not finite: it would make everything nan."""
+    if all_finite(y):
+        return
+    wrong = np.argwhere((active > 0) & ~np.isfinite(y))
+    if len(wrong):
+        k, run, column = wrong[0]
+        name = system.model.outputs[column].name
+        raise InputError(f"y[{k}, {run}, {column}] ({name}) is {y[k, run, column]}: what is active must be finite")
 
 
 def _packed(belief: Belief) -> np.ndarray:

@@ -73,8 +73,10 @@ def explained(study: Study) -> tuple[str, ...]:
     left = f"leaves {undecided} of {segments} segments undecided; these are rounded" if undecided else "decides every segment"
     looked = f" Branch and bound then looked at {plain(schedule.nodes)} partial schedules." if schedule.nodes else ""
     parts = [
+        "What is maximised is information about the state at the start, from the samples alone: without process noise and without "
+        "the prior. A filter lives on what is known now; where either matters, look at what the filter makes of the schedule.",
         f"The schedule comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can.{looked} "
-        "The bound follows from the relaxation's dual alone, so it holds whatever the solver did."
+        "The bound follows from the relaxation's dual alone, so it holds whatever the solver did.",
     ]
     if study.selection.exact is not None:
         lasting = joined(lasting_sensors(study))

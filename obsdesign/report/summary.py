@@ -72,8 +72,9 @@ def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> T
         table.add_row(each + (" (breaks the rules)" if selection.broken[each] else ""), _number(value))
     if selection.random_count:
         table.add_row(f"best of {selection.random_count} random", _number(selection.random_best))
+    about = "maximised: information about the state at the start, without process noise and prior"
     rules = [f"rule: {rule}" for rule in selection.rules]
-    table.caption = escape("\n".join([f"status: {Status[selection.status].value}", *rules, *selection.notes]))
+    table.caption = escape("\n".join([f"status: {Status[selection.status].value}", about, *rules, *selection.notes]))
     return table
 
 

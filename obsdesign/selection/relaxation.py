@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from threading import Lock
 
 import cvxpy as cp
 import numpy as np
@@ -14,6 +15,7 @@ from obsdesign.selection.instance import Instance, matrices
 from obsdesign.selection.master import normalised
 from obsdesign.selection.top import Top
 
+_TURN = Lock()  # what warnings are shown belongs to the process
 _ACCEPTED = (cp.OPTIMAL, cp.OPTIMAL_INACCURATE)  # the bound is recomputed: an inaccurate dual only makes it weaker
 
 
@@ -85,7 +87,7 @@ def _tangent(criterion: AbstractCriterion, W: np.ndarray, split: np.ndarray, mu:
 def _solved(problem: cp.Problem, time_limit: float | None) -> bool:
     options = {} if time_limit is None else {"time_limit": time_limit}
     try:
-        with warnings.catch_warnings():
+        with _TURN, warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # "may be inaccurate": see _ACCEPTED
             problem.solve(solver=cp.CLARABEL, **options)
     except cp.SolverError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from threading import RLock
 from typing import Any
 
 import matplotlib as mpl
@@ -49,6 +50,7 @@ _STYLE: dict[Any, Any] = {
     "savefig.facecolor": "none",
     "hatch.linewidth": 0.6,
 }
+_TURN = RLock()  # Matplotlib's style belongs to the process
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
@@ -57,7 +59,7 @@ def inline_svg(name: str, description: str, height: float, paint: Callable[[Figu
 
     name: prefix of all ids, unique on the page; description: what a screen reader says; height, width [inches].
     """
-    with mpl.rc_context():
+    with _TURN, mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
         figure = Figure(figsize=(width, height), layout="constrained")
