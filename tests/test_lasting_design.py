@@ -152,3 +152,8 @@ def test_no_schedule_of_a_joint_question_is_worth_less_than_it_is_counted_for():
         chosen = np.array([rows[i] for i in random.integers(0, len(rows), 3)])
         exact = asked.scaled(information.under(np.repeat(chosen, STEPS // 3, axis=0)))
         assert np.linalg.eigvalsh(exact - blocks[chosen].sum(axis=0))[0] >= -1e-9 * np.trace(exact)
+
+
+def test_a_path_for_which_nothing_is_on_is_worth_nothing():
+    asked = od.DesignProblem(GPS_ONLY, np.zeros(5), 5.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.3, 0.3)}, weights=np.zeros((2, 2)))
+    assert od.design_trajectory(asked, starts=2, seed=0, throw=False).value == 0.0

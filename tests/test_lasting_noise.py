@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from itertools import product
 
 import flint
@@ -353,3 +354,21 @@ def test_an_information_refuses_what_is_no_schedule():
         WHOLE.under(np.ones((3, 5)))
     with pytest.raises(od.InputError, match="from 0 to 1"):
         WHOLE.under(np.full((24, 5), 2.0))
+
+
+def test_the_posterior_is_the_prior_and_the_information():
+    """Without process noise J about the end is Phi^-T (P_0^-1 + W) Phi^-1, by another recursion: the same noise is meant."""
+    prior = od.Prior(START, std=(5.0, 4.0, 0.3, 1.0, 1.5))
+    active = np.random.default_rng(9).random((STEPS, len(SENSORS))) < 0.6
+    Phi = WHOLE.transition
+    assert Phi is not None
+    J = od.posterior_information(SYSTEM, PATH, prior)[-1]
+    close(Phi.T @ J @ Phi - prior.information, WHOLE.total, 10.0)
+    J = od.posterior_information(SYSTEM, PATH, prior, active=active)[-1]
+    close(Phi.T @ J @ Phi - prior.information, WHOLE.under(active), 10.0)
+
+
+def test_information_travels_with_its_samples():
+    again = pickle.loads(pickle.dumps(WHOLE))
+    np.testing.assert_array_equal(again.total, WHOLE.total)
+    np.testing.assert_array_equal(again.by_segment(4), WHOLE.by_segment(4))

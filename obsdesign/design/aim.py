@@ -112,7 +112,8 @@ class Judged(AbstractAim):
     def unit(self, matrices: np.ndarray) -> float:
         value = value_of(self, matrices)
         if self.is_cone:
-            return max(value, _LEAST * float(np.mean(np.trace(matrices, axis1=1, axis2=2))) / matrices.shape[-1], np.finfo(float).tiny)
+            # 1 where nothing is known at all: a unit next to 0 would make multipliers overflow
+            return max(value, _LEAST * float(np.mean(np.trace(matrices, axis1=1, axis2=2))) / matrices.shape[-1]) or 1.0
         return max(abs(value), np.finfo(float).tiny) if np.isfinite(value) and value and self.criterion.resolution == 0 else 1.0
 
 

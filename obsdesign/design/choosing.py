@@ -54,7 +54,7 @@ def chosen(problem: DesignProblem, coarse: Sequence[Climbed], refined: Sequence[
     best = max(attempt.start.value for attempt in answered)
     tied = [attempt for attempt in answered if attempt.start.value >= best - _AGREEMENT * abs(best)]
     attempt = max(tied, key=lambda each: _volume(problem, each.found.path))
-    if cap is not None and not problem.prices and attempt.start.value >= cap.value * (1 - _AGREEMENT):
+    if cap is not None and cap.value > 0 and not problem.prices and attempt.start.value >= cap.value * (1 - _AGREEMENT):
         attempt = _tie_broken(problem, attempt, cap)
     return _recorded(problem, attempt, starts, cap)
 
