@@ -17,6 +17,7 @@ from obsdesign.rank.numbers import Irrational, as_ball, as_residue, combination,
 from obsdesign.rank.reading import read
 from obsdesign.rank.residues import RESIDUES
 from obsdesign.rank.symbols import PRIME
+from obsdesign.scenario.degrees import in_radians
 
 X = ca.SX.sym("x", 2)
 STILL = ca.SX.zeros(2)
@@ -76,6 +77,12 @@ def test_multiples_of_pi_are_read_however_they_were_computed(k, part):
 @given(st.integers(-72_000, 72_000))
 def test_degrees_of_two_decimals_are_read(hundredths):
     assert read(math.radians(hundredths / 100)).typed == of_pi(Fraction(hundredths, 18_000))
+
+
+@pytest.mark.parametrize("degrees", [15, -165, 180, 90.0, 17.5, 359, -720, 0])
+def test_degrees_of_a_scenario_are_multiples_of_pi(degrees):
+    data = in_radians({"start": {"heading_deg": degrees}})
+    assert read(data["start"]["heading"]).typed == of_pi(Fraction(degrees) / 180)
 
 
 @settings(max_examples=300)
@@ -217,6 +224,21 @@ def test_an_offset_of_a_quarter_turn_makes_a_sine_of_a_cosine(offset, dimension)
     sign = -1 if offset == -np.pi / 2 else 1
     found = static(ca.cos(X[0] - offset) + X[1], sign * ca.sin(X[0]) + X[1])
     assert (found.dimension, found.decided) == (dimension, True)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_sums_of_angles_are_one_exactly_where_whole_numbers_say_so(seed):
+    # y1 = sin(x + a) + y, y2 = cos(x + b) + y with a, b, x multiples of pi/12: their gradients (cos(x + a), 1), (-sin(x + b), 1) are
+    # parallel where sin(a + x + 6) = sin(b + x + 12) in units of pi/12: equal or adding up to 12 modulo 24; everywhere if a = b + 6
+    a, b, at = (int(k) for k in np.random.default_rng(seed).integers(-24, 25, 3))
+    b = a - 6 if seed % 3 == 0 else b if seed % 3 == 1 else -a - 2 * at - 6
+    unit = np.pi / 12
+    system = od.ControlAffineSystem(X, ("x", "y"), outputs={"s": ca.sin(X[0] + a * unit) + X[1], "c": ca.cos(X[0] + b * unit) + X[1]})
+    everywhere = (a - b - 6) % 24 == 0
+    there = everywhere or (a + b + 2 * at + 18 - 12) % 24 == 0
+    generic, found = od.observability(system), od.observability(system, at=[at * unit, 0.3])
+    assert (generic.dimension, generic.decided) == (1 if everywhere else 2, True)
+    assert (found.dimension, found.decided) == (1 if there else 2, True)
 
 
 # ---------------------------------------------------------------- constants that were multiplied before

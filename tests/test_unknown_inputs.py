@@ -878,5 +878,5 @@ def test_a_pole_of_the_unknown_field_at_the_point_is_refused():
 
 @pytest.mark.parametrize("disturbance", [0, "polynomial", None, od.Polynomial])
 def test_another_class_of_disturbances_is_refused(disturbance):
-    with pytest.raises(od.InputError, match=r"disturbance is .*: must be 'arbitrary' or Polynomial\(degree\)"):
+    with pytest.raises(od.InputError, match=r"disturbance is .*: must be one of 'arbitrary' or a Polynomial"):
         od.observability(switched(), disturbance=disturbance)
