@@ -12,6 +12,7 @@ from stacked import stacked
 
 import obsdesign as od
 from obsdesign import flight as flying
+from obsdesign.design.program import Program
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.simulation import readings
@@ -298,13 +299,13 @@ def test_step_by_step_the_filter_keeps_what_it_has_learned_of_the_errors(seed: i
     np.testing.assert_allclose(belief.mean, together.mean[-1], rtol=1e-9, atol=1e-9)
 
 
-def test_a_design_for_one_sensor_whose_errors_last_has_the_information_of_its_path():
-    """Two outputs, one sensor: the least that can be indexed wrongly."""
+def test_the_program_of_a_design_for_one_sensor_of_two_outputs_has_the_information_of_its_path():
     system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0, correlation=0.9, bias_floor=0.5),))
     problem = od.DesignProblem(system, (0.0, 0.0, 0.0, 1.0, 1.0), 10.0, 0.5, od.PiecewiseConstant(4), {"turn_rate": (-0.5, 0.5)})
-    design = od.design_trajectory(problem, starts=1)
-    total = od.variational_gramian(system, design.trajectory).total
-    assert design.value == pytest.approx(np.linalg.eigvalsh(total)[0], rel=1e-9)
+    p = np.array([0.3, -0.2, 0.4, 0.1])
+    total = od.variational_gramian(system, od.simulate(system, problem.x0, np.repeat(p, 5)[:, None], 0.5)).total
+    assert np.linalg.eigvalsh(total)[0] > 0.1
+    np.testing.assert_allclose(Program(problem).at(p).matrices[0], total, rtol=1e-9, atol=1e-9 * total.max())
 
 
 # ---------------------------------------------------------------- both against draws
