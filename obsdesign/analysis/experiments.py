@@ -9,7 +9,7 @@ distinguishes all that any input does (Sontag 1979); several of them under one w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,13 +28,17 @@ from obsdesign.rank.taylor import Arguments
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Some experiments from one place: as many known inputs, one unknown input, Taylor coefficients up to `orders`."""
+    """Some experiments from one place: as many known inputs, one unknown input, Taylor coefficients up to `orders`.
+
+    kept: rows that were computed, shared by what is made from these by `replace`.
+    """
 
     equations: Equations
     place: Place
     orders: int
     count: int = 1
     seed: int = 0
+    kept: dict[Any, Any] = field(default_factory=dict[Any, Any], repr=False)
 
     def _numbers(self, count: int, purpose: str) -> Sequence[Number]:
         draw = random_residues if self.place.modular else random_fractions
@@ -72,21 +76,26 @@ class Experiments:
 
     def rows(self) -> list[list[Any]]:
         """Return J at the working precision, its rows by experiment, order, output."""
+        return [row for experiment in range(self.count) for row in self._rows_of(experiment)]
+
+    def _rows_of(self, experiment: int) -> list[list[Any]]:
+        there = self.place.state if self.place.modular else (id(self.place), flint.ctx.prec)
+        key = (id(self.equations), there, self.seed, self.orders, experiment)
+        if key not in self.kept:
+            self.kept[key] = (self.equations, self.place, self._computed(experiment))  # the first two to keep their ids theirs
+        return self.kept[key][-1]
+
+    def _computed(self, experiment: int) -> list[list[Any]]:
         arithmetic, equations = self.place.arithmetic, self.equations
         number = arithmetic.number
-        unknown = [[number(value) for value in series] for series in self._inputs(len(equations.unknown), "unknown")]
-        rows: list[list[Any]] = []
-        for experiment in range(self.count):
-            known = [[number(value) for value in series] for series in self._inputs(len(equations.known), f"known {experiment}")]
-            arguments = Arguments(
-                x=[number(value) for value in self.place.state],
-                u=known,
-                w=unknown,
-                constants=[number(value) for value in equations.values],
-            )
-            for matrix in equations.flow.sensitivities(arithmetic, arguments, self.orders):
-                rows += matrix.tolist()
-        return rows
+        arguments = Arguments(
+            x=[number(value) for value in self.place.state],
+            u=[[number(value) for value in series] for series in self._inputs(len(equations.known), f"known {experiment}")],
+            w=[[number(value) for value in series] for series in self._inputs(len(equations.unknown), "unknown")],
+            constants=[number(value) for value in equations.values],
+        )
+        matrices = equations.flow.responses if self.place.modular else equations.flow.sensitivities
+        return [row for matrix in matrices(arithmetic, arguments, self.orders) for row in matrix.tolist()]
 
     def completed(self) -> Experiments:
         """Return as many experiments as it takes until more of them tell nothing more (modulo the prime)."""
@@ -137,7 +146,7 @@ class Experiments:
         eliminated = self.eliminated if eliminated is None else eliminated
 
         def rows() -> list[list[arb]]:
-            every = self._ball_rows()
+            every = self.rows()
             return [every[i] for i in chosen]
 
         stages = [self.row_orders[i] for i in chosen]
@@ -153,13 +162,3 @@ class Experiments:
         bare = replace(most, seen=None)
         columns = self.width - len(most.seen or ())
         return self.rank(order, most=bare, eliminated=columns).decided
-
-    @cached_property
-    def _cache(self) -> dict[int, list[list[Any]]]:
-        return {}
-
-    def _ball_rows(self) -> list[list[arb]]:
-        bits = flint.ctx.prec
-        if bits not in self._cache:
-            self._cache[bits] = self.rows()
-        return self._cache[bits]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import islice
+from typing import Any
 
 import casadi as ca
 from flint import nmod
@@ -106,7 +107,8 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
     finding = _rescaled(equations, cap, around)
     if finding:
         return finding
-    bound = jets_finding(equations, False, around, cap)
+    kept: dict[Any, Any] = {}
+    bound = jets_finding(equations, False, around, cap, kept=kept)
     if bound.decided:
         return bound
     for level in range(1, LEVELS + 1):
@@ -114,7 +116,7 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
         finding = _rescaled(extended, cap, around)
         if finding and finding.decided and finding.dimension >= bound.dimension:
             return replace(finding, place=Place(finding.place.state[extended.extra :]))
-    return jets_finding(equations, False, around, cap, patience=2 * equations.n + 2)
+    return jets_finding(equations, False, around, cap, patience=2 * equations.n + 2, kept=kept)
 
 
 def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
@@ -31,13 +32,15 @@ def jets_finding(  # noqa: PLR0917
     orders: int | None = None,
     patience: int | None = None,
     ends: bool = False,
+    kept: dict[Any, Any] | None = None,
 ) -> Finding:
     """Return the lower bound at a generic state. It is followed to `orders`, or until it is `enough` or stands still.
 
-    patience: so many orders without growth are a standstill (None: n); ends: a standstill proves that there is no more.
+    patience: so many orders without growth are a standstill (None: n); ends: a standstill proves that there is no more; kept: rows
+    that were computed, see `Experiments`.
     """
     patience = patience or equations.n
-    experiments, dimensions = _looked(equations, smooth, around.seed, orders, enough, patience)
+    experiments, dimensions = _looked(equations, smooth, around.seed, orders, enough, patience, {} if kept is None else kept)
     reached = dimensions.index(dimensions[-1])
     bound = experiments.bound(reached)
     best: Finding | None = None
@@ -57,12 +60,12 @@ def jets_finding(  # noqa: PLR0917
     return best
 
 
-def _looked(
-    equations: Equations, smooth: bool, seed: int, orders: int | None, enough: int, patience: int
+def _looked(  # noqa: PLR0917
+    equations: Equations, smooth: bool, seed: int, orders: int | None, enough: int, patience: int, kept: dict[Any, Any]
 ) -> tuple[Experiments, tuple[int, ...]]:
     """Return the experiments modulo the prime that were followed to the end, and the dimensions by order, at most."""
     for attempt in range(_SEEDS):
-        first = Experiments(equations, residue_place(equations, seed + attempt), orders or 2, seed=seed)
+        first = Experiments(equations, residue_place(equations, seed + attempt), orders or 2, seed=seed, kept=kept)
         try:
             return _followed(first, smooth) if orders else _ended(first, smooth, enough, patience)
         except ZeroDivisionError:
