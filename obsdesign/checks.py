@@ -26,6 +26,12 @@ def require_within(what: str, value: Any, below: float = math.inf) -> None:  # n
         raise InputError(f"{what} is {value!r}: must be a finite number of at least 0{upper}")
 
 
+def require_tolerance(value: Any) -> None:  # noqa: ANN401  # whatever a caller gave
+    """Raise InputError unless 0 < tolerance < 1."""
+    if isinstance(value, bool) or not (isinstance(value, Real) and 0 < float(value) < 1):
+        raise InputError(f"tolerance is {value!r}: must be a number above 0 and below 1, the relative error that steps may have")
+
+
 def as_array(what: str, value: Any) -> np.ndarray:  # noqa: ANN401  # whatever a caller took for numbers
     """Return a new array of floats, or raise InputError for what is none: words, rows of unequal length, complex numbers."""
     import numpy as np

@@ -110,7 +110,7 @@ def fly(
     scene = _Scene(
         problem,
         prior,
-        ExtendedKalmanFilter(problem.system, problem.step, factor @ factor.T),
+        ExtendedKalmanFilter(problem.system, problem.step, factor @ factor.T, problem.substeps),
         _world(problem, prior, start, factor, steps, seed),
     )
     plans: list[Plan] = []
@@ -179,7 +179,7 @@ def _flown(scene: _Scene, pilot: _Pilot) -> Flight:
         belief = _updated(scene, belief, truth, k)
         beliefs.append(belief)
         flown.append(pilot(k, belief, before))
-        truth = states_from(system, truth[None], flown[-1][None], step, None, kick[None, None])[0, 1]
+        truth = states_from(system, truth[None], flown[-1][None], step, None, kick[None, None], substeps=scene.problem.substeps)[0, 1]
         states.append(truth)
         belief = scene.estimator.predict(belief, flown[-1])
     beliefs.append(belief)

@@ -220,7 +220,7 @@ class _Now:
 
     def course(self, u: np.ndarray) -> _Course:
         """Return the path of inputs (N, m)."""
-        return _Course(self.problem, simulate(self.problem.system, self.problem.x0, u, self.problem.step))
+        return _Course(self.problem, simulate(self.problem.system, self.problem.x0, u, self.problem.step, tolerance=self.problem.tolerance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +240,9 @@ class _Mission:
     def middle(self) -> Trajectory:
         """The path of these inputs from the problem's own start."""
         problem = self.problem
-        return simulate(problem.system, problem.x0, np.tile(problem.grid.centre, (problem.steps, 1)), problem.step)
+        return simulate(
+            problem.system, problem.x0, np.tile(problem.grid.centre, (problem.steps, 1)), problem.step, tolerance=problem.tolerance
+        )
 
     @property
     def period(self) -> int:
@@ -254,7 +256,7 @@ class _Mission:
         memory = self.fresh if previous is None else self._moved_on(previous, elapsed)
         steps = max(1, problem.steps - memory.gone) if self.shrinks else problem.steps
         u = self.middle.u if previous is None else previous.trajectory.u[_onward(previous.trajectory.steps, elapsed, steps)]
-        path, family, floor = simulate(problem.system, x, u, problem.step), self._family(memory), problem.floor
+        path, family, floor = simulate(problem.system, x, u, problem.step, tolerance=problem.tolerance), self._family(memory), problem.floor
         constraints, margins, broken = self._constraints(path, memory)
         changed = replace(
             problem,
@@ -428,7 +430,9 @@ def _improved(problem: DesignProblem, known: _Course, seed: _Seed, work: _Work) 
             status = Status.TIME_LIMIT
             break
         solution = climb(Program(problem, seed.rows), aim_of(problem), seed.p, seed.warm, limits=work.limits)
-        course = _Course(problem, simulate(problem.system, problem.x0, _inputs(problem, solution.p), problem.step))
+        course = _Course(
+            problem, simulate(problem.system, problem.x0, _inputs(problem, solution.p), problem.step, tolerance=problem.tolerance)
+        )
         best, status, done = course.or_better(best), solution.status, done + solution.iterations
         # a climb that has not come to terms with its rows yet says nothing about what they leave out
         rows = tightened(problem, course.path, seed.rows) if course.short and solution.violation <= FEASIBLE else None
@@ -634,7 +638,7 @@ class Planner:
         """Fly the previous path's inputs from x_now."""
         now, age = self._following(call)
         x = as_state(self.problem.system, call.x_now, "x_now")
-        course = _Course(now.problem, simulate(self.problem.system, x, now.path.u, self.problem.step))
+        course = _Course(now.problem, simulate(self.problem.system, x, now.path.u, self.problem.step, tolerance=self.problem.tolerance))
         return self._plan(now, course, Status.NUMERICAL_ERROR, age, now.memory)
 
     def _kept(self, call: _Call) -> Plan:
@@ -655,7 +659,7 @@ class Planner:
     def _waited(self, call: _Call) -> Plan:
         """All inputs in the middle of their ranges, from x_now."""
         x = as_state(self.problem.system, call.x_now, "x_now")
-        path = simulate(self.problem.system, x, self._mission.middle.u, self.problem.step)
+        path = simulate(self.problem.system, x, self._mission.middle.u, self.problem.step, tolerance=self.problem.tolerance)
         return replace(self._waiting, trajectory=path, feasible=not shortfalls(self.problem, path))
 
     @property

@@ -8,47 +8,97 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.accuracy import Walks, substeps_for, substeps_from
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import all_finite, as_array, require_positive
+from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of
-from obsdesign.trajectory import Trajectory
+from obsdesign.trajectory import TOLERANCE, Trajectory
 
 
 @validate_arguments
-def simulate(system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: ArrayLike | None = None) -> Trajectory:
+def simulate(
+    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: ArrayLike | None = None, *, tolerance: float = TOLERANCE
+) -> Trajectory:
     """Integrate xdot = g0 + f u + g w by RK4 with inputs held over each step of dt [s].
 
     x0 (n,), u (N, m) for the known inputs, w (N, p) for the unknown ones (None = 0), which the path keeps. Headings stay
-    continuous.
-    Raises InputError for wrong shapes and values that are not finite.
+    continuous. Each step is made of as many sub-steps as it takes for states and sensitivities to have a relative error below
+    the tolerance, which the path keeps too; of an exact one where rates are linear with constant coefficients.
+    Raises InputError for wrong shapes, values that are not finite, and a step too coarse for the dynamics, with one that would do.
     """
     require_positive("dt", dt)
+    require_tolerance(tolerance)
     start = as_state(system, x0, "x0")
     known, unknown = as_known_and_unknown(system, u, w)
-    states = states_from(system, start[None], known, dt, unknown)[0]
-    return Trajectory(np.arange(len(states)) * dt, states, known, None if w is None else unknown)
+    substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
+    states = states_from(system, start[None], known, dt, unknown, substeps=substeps)[0]
+    path = Trajectory(np.arange(len(states)) * dt, states, known, None if w is None else unknown, tolerance)
+    path.substeps[system.model] = substeps
+    return path
+
+
+def substeps_needed(
+    system: AbstractSystem, starts: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray | None = None, tolerance: float = TOLERANCE
+) -> np.ndarray:
+    """Return how many sub-steps (M,) the paths from starts (M, n) need; u and w as in `states_from`.
+
+    Raises InputError where that would be too many, with the step that would do.
+    """
+    model, held = system.model, _together(u, np.zeros((1, len(system.model.unknown_inputs))) if w is None else w)
+    by_structure = substeps_from(model, starts, held, dt, tolerance)
+    if by_structure is not None:
+        return by_structure
+
+    def walked(rows: np.ndarray, count: int) -> np.ndarray:
+        inputs, unknown = (values[rows] if values is not None and values.ndim == 3 else values for values in (u, w))
+        return states_from(system, starts[rows], inputs, dt, unknown, substeps=count)  # pyright: ignore[reportArgumentType]
+
+    return substeps_for(Walks(model, dt, held, len(starts), walked, simulated=True), tolerance)
+
+
+def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
+    """Return how many sub-steps each step along a path needs for its tolerance, states as they are: found out once for each path.
+
+    Raises InputError where that would be too many.
+    """
+    model = system.model
+    if model not in path.substeps:
+        held = held_along(system, path)
+        counts = substeps_from(model, path.x[:1], held, path.step, path.tolerance)
+        if counts is None:
+            walks = Walks(model, path.step, held, 1, lambda *_: path.x[None], simulated=False)
+            counts = substeps_for(walks, path.tolerance)
+        path.substeps[model] = int(counts[0])
+    return path.substeps[model]
 
 
 def states_from(
-    system: AbstractSystem, starts: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray | None = None, kicks: np.ndarray | None = None
+    system: AbstractSystem,
+    starts: np.ndarray,
+    u: np.ndarray,
+    dt: float,
+    w: np.ndarray | None = None,
+    kicks: np.ndarray | None = None,
+    *,
+    substeps: int = 1,
 ) -> np.ndarray:
-    """Return the states (M, N+1, n) of M paths from starts (M, n).
+    """Return the states (M, N+1, n) of M paths from starts (M, n), each step made of so many sub-steps.
 
     u (N, m) or (M, N, m), w (N, p), (M, N, p) or None = 0; kicks (M, N, n) or None: added to the state after each step.
     """
     rows = [u, np.zeros(len(system.model.unknown_inputs)) if w is None else w, *(() if kicks is None else (kicks,))]
-    later = _walk(system.model, dt, kicks is not None).run(starts, rows, u.shape[-2]).carries
+    later = _walk(system.model, dt, kicks is not None, substeps).run(starts, rows, u.shape[-2]).carries
     return np.concatenate([starts[:, None], later], axis=1)
 
 
 @lru_cache(CACHED)
-def _walk(model: Model, dt: float, kicked: bool) -> Scan:
+def _walk(model: Model, dt: float, kicked: bool, substeps: int) -> Scan:
     import casadi as ca
 
-    one, kick = step_of(model, dt), ca.SX.sym("kick", len(model.states))
+    one, kick = step_of(model, dt, substeps), ca.SX.sym("kick", len(model.states))
     return Scan(one.x, [one.u, one.w, kick], one.x_next + kick) if kicked else Scan(one.x, [one.u, one.w], one.x_next)
 
 
@@ -108,6 +158,12 @@ def held_along(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return (u, w) (N, m + p) along a path of this system, w = 0 where the path does not tell it."""
     p = len(system.model.unknown_inputs)
     return side_by_side(path.u, np.zeros((path.steps, p)) if path.w is None else path.w)
+
+
+def _together(u: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return (u, w) (N, m + p), or (M, N, m + p) where one of them is of each path its own."""
+    shape = np.broadcast_shapes(u.shape[:-1], w.shape[:-1])
+    return np.concatenate([np.broadcast_to(values, (*shape, values.shape[-1])) for values in (u, w)], axis=-1)
 
 
 def side_by_side(u: np.ndarray, w: np.ndarray) -> np.ndarray:

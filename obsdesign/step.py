@@ -20,7 +20,7 @@ CACHED = 64  # functions kept of each kind
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One RK4 step with inputs held: x_next (n, 1), F = dx_next/dx (n, n), B_w = dx_next/dw (n, p), sparse, of x, u and w."""
+    """One step with inputs held: x_next (n, 1), F = dx_next/dx (n, n), B_w = dx_next/dw (n, p), sparse, of x, u and w."""
 
     x: ca.SX
     u: ca.SX
@@ -74,27 +74,87 @@ class Sensitivity:
 
 
 @lru_cache(CACHED)
-def step_of(model: Model, step: float) -> Step:
-    """Return one step of `step` seconds."""
+def step_of(model: Model, step: float, substeps: int = 1) -> Step:
+    """Return one step of `step` seconds: `substeps` equal ones of RK4, or the exact one for more than one where rates are linear.
+
+    How many it takes for a tolerance is what `accuracy` finds out.
+    """
+    exact = exact_step(model, step) if substeps > 1 else None
+    return chained(model, (step / substeps,) * substeps) if exact is None else exact
+
+
+@lru_cache(CACHED)
+def chained(model: Model, lengths: tuple[float, ...]) -> Step:
+    """Return RK4 steps of so many seconds one after the other: F = F_m ... F_1, and B_w likewise."""
     u, w = model.u, model.w
-    rate = ca.Function("rate", [model.x, u, w], [model.drift + model.B @ u + model.G @ w])
-    x_next = ca.cse(ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, step)))
-    return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
+    if len(lengths) == 1:
+        rate = ca.Function("rate", [model.x, u, w], [_rate(model)])
+        x_next = ca.cse(ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, lengths[0])))
+        return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
+    x, F, B_w = model.x, ca.SX.eye(model.x.numel()), ca.SX(model.x.numel(), w.numel())
+    each = {length: _as_function(chained(model, (length,))) for length in dict.fromkeys(lengths)}
+    for length in lengths:
+        x, F_one, B_one = each[length](x, u, w)
+        F, B_w = F_one @ F, F_one @ B_w + B_one
+    return Step(model.x, u, w, ca.densify(x), F, B_w)
+
+
+def _as_function(one: Step) -> ca.Function:
+    return ca.Function("one", [one.x, one.u, one.w], [one.x_next, one.F, one.B_w])
+
+
+def _rate(model: Model) -> ca.SX:
+    return model.drift + model.B @ model.u + model.G @ model.w
 
 
 @lru_cache(CACHED)
-def sensitivity_of(model: Model, step: float) -> Sensitivity:
+def exact_step(model: Model, step: float) -> Step | None:
+    """Return the exact step of xdot = A x + B u + G w + b with constant A, B, G, b, None for rates of another form.
+
+    [x+; 1] = exp([A B G b; 0 0 0 0] step) [x; u; w; 1], of any stiffness: F = exp(A step). Entries that no power of the matrix
+    reaches stay without a structure. Source: Van Loan (1978), IEEE Trans. Automat. Control 23, 395-404.
+    """
+    inside = ca.vertcat(model.x, model.u, model.w)
+    slope = ca.jacobian(_rate(model), inside)
+    if ca.depends_on(slope, inside):
+        return None
+    from scipy.linalg import expm  # half a second to load, and few systems need it
+
+    n, size = model.x.numel(), inside.numel()
+    constant = ca.substitute(_rate(model), inside, ca.SX.zeros(size))
+    M = np.zeros((size + 1, size + 1))
+    M[:n] = ca.DM(ca.horzcat(slope, constant)).full()
+    if not np.isfinite(M).all():
+        return None
+    E = np.where(_reached(M), expm(M * step), 0.0)[:n]
+    still = ~M[:n].any(axis=1)  # rates that are 0: these stay, to the last digit
+    E[still] = np.eye(n, size + 1)[still]
+    part = ca.SX(ca.sparsify(ca.DM(E)))
+    x_next = ca.densify(part @ ca.vertcat(inside, 1))
+    return Step(model.x, model.u, model.w, x_next, part[:, :n], part[:, size - model.w.numel() : size])
+
+
+def _reached(M: np.ndarray) -> np.ndarray:
+    """Return which entries of exp(M) are not 0 by the structure of M: those of (1 + M)^n."""
+    reached = (M != 0) | np.eye(len(M), dtype=bool)
+    for _ in range(len(M).bit_length()):
+        reached = reached @ reached
+    return reached
+
+
+@lru_cache(CACHED)
+def sensitivity_of(model: Model, step: float, substeps: int = 1) -> Sensitivity:
     """Return Phi at w = 0: what each step of `step` seconds makes of it."""
-    return _sensitivity(step_of(model, step).without_disturbance().F)
+    return sensitivity_by(step_of(model, step, substeps).without_disturbance().F)
 
 
 @lru_cache(CACHED)
-def sensitivity_along(model: Model, step: float) -> Sensitivity:
+def sensitivity_along(model: Model, step: float, substeps: int = 1) -> Sensitivity:
     """Return Phi along a path that unknown inputs move: `next` is of x, u and w."""
-    return _sensitivity(step_of(model, step).F) if model.unknown_inputs else sensitivity_of(model, step)
+    return sensitivity_by(step_of(model, step, substeps).F) if model.unknown_inputs else sensitivity_of(model, step, substeps)
 
 
-def _sensitivity(F: ca.SX) -> Sensitivity:
+def sensitivity_by(F: ca.SX) -> Sensitivity:
     """Begin with all entries of the identity as constants and free those that F Phi does not leave as they are, until all do."""
     n = F.shape[0]
     kept = np.ones((n, n), dtype=bool)

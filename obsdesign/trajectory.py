@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import all_finite, as_array, require_count, require_positive
+from obsdesign.checks import all_finite, as_array, require_count, require_positive, require_tolerance
 from obsdesign.errors import InputError
+
+TOLERANCE = 1e-6  # relative error that steps may have where nobody says another
 
 
 @validate_arguments
@@ -17,7 +20,8 @@ from obsdesign.errors import InputError
 class Trajectory:
     """t (N+1,) [s], x (N+1, n), u (N, m), w (N, p): inputs u[k], known, and w[k], unknown, are held from t[k] to t[k+1].
 
-    w is what really moved the path, as far as that is known: None where it is not, which counts as 0.
+    w is what really moved the path, as far as that is known: None where it is not, which counts as 0. tolerance: the relative error
+    that steps along the path may have, in state and sensitivity; what is made of the path is made of as many sub-steps as that takes.
     Raises InputError for shapes that do not fit, values that are not finite and steps that are not equal.
     """
 
@@ -25,8 +29,10 @@ class Trajectory:
     x: np.ndarray
     u: np.ndarray
     w: np.ndarray | None = None
+    tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
+        require_tolerance(self.tolerance)
         for name in ("t", "x", "u") if self.w is None else ("t", "x", "u", "w"):
             values = as_array(f"trajectory: {name}", getattr(self, name))
             if not all_finite(values):
@@ -45,12 +51,23 @@ class Trajectory:
         if np.abs(self.t[1:] - self.t[:-1] - self.step).max() > 1e-6 * self.step:
             raise InputError("trajectory: t must have equal steps")
 
+    @cached_property
+    def substeps(self) -> WeakKeyDictionary[object, int]:
+        """Of how many sub-steps the steps of a model have to be made along this path, as far as that was found out."""
+        return WeakKeyDictionary()
+
+    def __getstate__(self) -> dict[str, object]:
+        """What is written when a path is sent to another process: what was found out stays here."""
+        return {name: value for name, value in self.__dict__.items() if name != "substeps"}
+
     def part(self, first: int, last: int) -> Trajectory:
         """Return the path from t[first] to t[last]; raise InputError unless 0 <= first < last <= N."""
         require_count("first", first, least=0, most=self.steps - 1)
         require_count("last", last, least=first + 1, most=self.steps)
         nodes, held = slice(first, last + 1), slice(first, last)
-        return Trajectory(self.t[nodes], self.x[nodes], self.u[held], None if self.w is None else self.w[held])
+        found = Trajectory(self.t[nodes], self.x[nodes], self.u[held], None if self.w is None else self.w[held], self.tolerance)
+        found.substeps.update(self.substeps)  # of which the whole is made: enough for a part
+        return found
 
     @property
     def steps(self) -> int:

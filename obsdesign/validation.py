@@ -22,7 +22,7 @@ from obsdesign.model import AbstractSystem
 from obsdesign.prior import Prior
 from obsdesign.round_off import standard_deviations
 from obsdesign.selection.schedule import Schedule
-from obsdesign.simulation import readings, simulate, states_from
+from obsdesign.simulation import readings, simulate, states_from, substeps_along
 from obsdesign.step import steps_per_sample
 from obsdesign.trajectory import Trajectory
 
@@ -70,6 +70,7 @@ class _Task:
     noise: np.ndarray
     seed: int
     runs: range
+    substeps: int
 
 
 @validate_arguments
@@ -96,12 +97,14 @@ def validate(
     require_count("runs", runs)
     require_count("seed", seed, least=0)
     require_fit(system, path)
-    path = simulate(system, path.x[0], path.u, path.step, path.w)  # what the truth follows, whatever else moved the path given
+    # what the truth follows, whatever else moved the path given
+    path = simulate(system, path.x[0], path.u, path.step, path.w, tolerance=path.tolerance)
     active = active_steps(system, path, schedule)
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
     chunks = [range(first, min(first + _CHUNK, runs)) for first in range(0, runs, _CHUNK)]
-    tasks = [_Task(system, path, prior, active, noise, seed, chunk) for chunk in chunks]
+    substeps = substeps_along(system, path)
+    tasks = [_Task(system, path, prior, active, noise, seed, chunk, substeps) for chunk in chunks]
     results = list(map(_flown, tasks) if executor is None else executor.map(_flown, tasks))
     errors, nees = (np.concatenate(parts, axis=1) for parts in zip(*results, strict=True))
     return _judged(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
@@ -129,12 +132,12 @@ def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:
     model = system.model
     draws = [_draws(task, run) for run in task.runs]
     guess, gusts, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
-    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, gusts)
+    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, gusts, substeps=task.substeps)
     seen = readings(system, truth[:, :-1])
     y = seen.y + seen.spread * noise + bias[:, None]
     owner = np.array(model.output_owner)
     active = task.active[:, owner] & (seen.gate > ARRIVES)
-    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T)
+    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, task.substeps)
     first = Belief(path.x[0] + guess, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
     belief = estimator.run(first, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
     is_angle = np.array([state.is_angle for state in model.states])

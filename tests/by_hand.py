@@ -18,6 +18,7 @@ SLOW = (od.GPS(2.0, rate=1.0), od.Magnetometer(0.21, rate=2.0), od.Range(BEACON,
 START = np.array([3.0, -1.0, 0.4, 2.0, -1.0])
 SCALE = np.array([5.0, 4.0, 0.3, 1.0, 1.5])
 STEP, STEPS = 0.25, 24
+ONE_STEP = 1e-2  # relative error for which one step of Runge and Kutta is enough, as they are made by hand
 
 
 @dataclass(frozen=True)
@@ -95,13 +96,13 @@ def flown(system: od.System, steps: int = STEPS, seed: int = 3, step: float = ST
     u = random.uniform(-0.6, 0.6, (steps, len(system.model.inputs)))
     if len(system.model.inputs) == 2:
         u[:, 0] = random.uniform(5.0, 15.0, steps)
-    return od.simulate(system, START[: len(system.model.states)], u, step)
+    return od.simulate(system, START[: len(system.model.states)], u, step, tolerance=ONE_STEP)
 
 
 def part(path: od.Trajectory, first: int, last: int) -> od.Trajectory:
     """The path from one step to another, put together anew."""
     w = None if path.w is None else path.w[first:last]
-    return od.Trajectory(path.t[first : last + 1], path.x[first : last + 1], path.u[first:last], w)
+    return od.Trajectory(path.t[first : last + 1], path.x[first : last + 1], path.u[first:last], w, path.tolerance)
 
 
 def correlated_prior(n: int) -> od.Prior:

@@ -6,6 +6,7 @@ import csv
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from by_hand import (
     BEACON,
     NAMES,
+    ONE_STEP,
     SCALE,
     SENSORS,
     SLOW,
@@ -72,7 +74,7 @@ class Case:
     def path(self, steps: int = STEPS, seed: int = 3) -> od.Trajectory:
         random, system = np.random.default_rng(seed), self.system()
         u, w = random.uniform(*self.known, (steps, 1)), random.uniform(*self.unknown, (steps, len(system.model.unknown_inputs)))
-        return od.simulate(system, START[: len(system.model.states)], u, STEP, w)
+        return od.simulate(system, START[: len(system.model.states)], u, STEP, w, tolerance=ONE_STEP)
 
 
 CASES = {
@@ -86,7 +88,7 @@ MOVED = pytest.mark.parametrize("case", [CASES["swinging"], CASES["unknown speed
 
 
 def without_w(path: od.Trajectory) -> od.Trajectory:
-    return od.Trajectory(path.t, path.x, path.u)
+    return od.Trajectory(path.t, path.x, path.u, tolerance=path.tolerance)
 
 
 # ---------------------------------------------------------------- the record
@@ -170,8 +172,8 @@ ALONG_A_RECORD = [name for name in WALKERS if name not in ("batch", "gradient")]
 @pytest.mark.parametrize("walker", WALKERS.values(), ids=WALKERS.keys())
 def test_no_unknown_inputs_and_unknown_inputs_of_0_are_the_same_bit_for_bit(walker: Walker, case: Case):
     system, moved = case.system(SLOW), case.path()
-    for path in (od.simulate(system, moved.x[0], moved.u, STEP), without_w(moved)):
-        zeros = od.Trajectory(path.t, path.x, path.u, np.zeros_like(moved.w))
+    for path in (od.simulate(system, moved.x[0], moved.u, STEP, tolerance=ONE_STEP), without_w(moved)):
+        zeros = od.Trajectory(path.t, path.x, path.u, np.zeros_like(moved.w), path.tolerance)
         np.testing.assert_array_equal(walker(system, path), walker(system, zeros))
 
 
@@ -265,8 +267,8 @@ def test_the_gramian_is_that_of_the_samples_of_the_path_that_was_flown(case: Cas
     assert_close(od.variational_gramian(system, path).blocks.sum(axis=1), expected, 1e-11, total)
     sums = expected.reshape(4, -1, *total.shape).sum(axis=1)
     assert_close(od.segment_information(system, path, 4).sum(axis=1), sums, 1e-11, total)
-    assert_close(od.batch_information(system, path.x[:1], path.u, STEP, path.w).sum(axis=1), total[None], 1e-11)
-    value = od.information_value(system, path.x[0], path.u, STEP, od.LogDet(), SCALE[: len(total)], w=path.w)
+    assert_close(od.batch_information(system, path.x[:1], path.u, STEP, path.w, tolerance=ONE_STEP).sum(axis=1), total[None], 1e-11)
+    value = od.information_value(system, path.x[0], path.u, STEP, od.LogDet(), SCALE[: len(total)], w=path.w, tolerance=ONE_STEP)
     S = np.diag(SCALE[: len(total)])
     assert value == pytest.approx(od.LogDet().value(S @ total @ S), rel=1e-9)
 
@@ -324,8 +326,9 @@ def test_the_empirical_gramian_tends_to_the_variational_one_as_eps_squared(case:
 def test_the_gradient_is_its_central_differences(case: Case, criterion: object):
     system, path = case.system(SLOW), case.path(16)
     n = path.x.shape[1]
-    value, gradient = od.information_gradient(system, path.x[0], path.u, STEP, criterion, SCALE[:n], w=path.w)
-    expected = slopes(lambda u: od.information_value(system, path.x[0], u, STEP, criterion, SCALE[:n], w=path.w), path.u)
+    value, gradient = od.information_gradient(system, path.x[0], path.u, STEP, criterion, SCALE[:n], w=path.w, tolerance=ONE_STEP)
+    value_of = partial(od.information_value, system, path.x[0], w=path.w, tolerance=ONE_STEP)
+    expected = slopes(lambda u: value_of(u, STEP, criterion, SCALE[:n]), path.u)
     assert np.abs(expected).max() > 0
     np.testing.assert_allclose(gradient, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max() + 1e-11 * abs(value))
 

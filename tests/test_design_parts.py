@@ -11,7 +11,7 @@ import casadi as ca
 import cvxpy as cp
 import numpy as np
 import pytest
-from by_hand import Swinging, slopes
+from by_hand import ONE_STEP, Swinging, slopes
 from scipy.linalg import null_space, qr
 from scipy.optimize import root
 
@@ -48,7 +48,7 @@ def turning(system: AbstractSystem = LOOKING, **changes: Any) -> od.DesignProble
         "bounds": {"turn_rate": (-0.5, 0.4)},
         "scale": SCALE,
     }
-    return od.DesignProblem(**{**base, **changes})
+    return od.DesignProblem(**{**base, "tolerance": ONE_STEP, **changes})
 
 
 def driving(**changes: Any) -> od.DesignProblem:
@@ -60,6 +60,7 @@ def driving(**changes: Any) -> od.DesignProblem:
 def sliding(**changes: Any) -> od.DesignProblem:
     """Three inputs, slips, and bearings to three landmarks."""
     return od.DesignProblem(
+        tolerance=ONE_STEP,
         system=od.System(od.Omnidirectional("constant"), tuple(od.Bearing(post, 0.05, rate=0.5) for post in POSTS)),
         start=(0.5, -5.0, 0.3, 0.05, -0.03, 0.005),
         duration=8.0,
@@ -77,7 +78,7 @@ def swinging_oscillator() -> od.DesignProblem:
     fields = {"u": ca.vertcat(0, x[0] * (1 + 0.2 * x[1]))}
     system = od.ControlAffineSystem(x, ("a", "b"), ca.vertcat(x[1], -x[0]), fields, outputs={"y": x[0] + 0.3 * x[1] ** 2})
     return od.DesignProblem(
-        system=system, start=(1.0, 0.2), duration=4.0, step=0.2, path=od.PiecewiseConstant(4), bounds={"u": (-1.0, 1.2)}
+        tolerance=ONE_STEP, system=system, start=(1.0, 0.2), duration=4.0, step=0.2, path=od.PiecewiseConstant(4), bounds={"u": (-1.0, 1.2)}
     )
 
 
@@ -135,7 +136,7 @@ def somewhere(problem: od.DesignProblem, seed: int) -> np.ndarray:
 
 def flown(problem: od.DesignProblem, p: np.ndarray) -> od.Trajectory:
     u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)
-    return od.simulate(problem.system, problem.x0, u, problem.step)
+    return od.simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
 
 
 # ---------------------------------------------------------------- values
@@ -148,7 +149,7 @@ def by_analysis(problem: od.DesignProblem, path: od.Trajectory) -> np.ndarray:
         J = od.posterior_information(problem.system, path, criterion.prior, criterion.disturbance_psd, criterion.unknown_inputs)
         return np.array([S @ J[-2] @ S])
     starts = [path.x[0]] if problem.robust is None else problem.robust.draws(problem.robust.samples, 0)
-    paths = [od.simulate(problem.system, start, path.u, problem.step) for start in starts]
+    paths = [od.simulate(problem.system, start, path.u, problem.step, tolerance=problem.tolerance) for start in starts]
     return np.array([S @ (od.variational_gramian(problem.system, each).total + problem.known) @ S for each in paths])
 
 
@@ -687,7 +688,7 @@ def test_a_climb_leaves_a_path_that_shows_nothing(problem: od.DesignProblem):
     straight = np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1))
     straight[:, -1] = 0.0
     alone = turning(od.System(problem.system.vehicle, (od.GPS(1.0),)), bounds=problem.bounds, path=problem.path)
-    W = by_analysis(alone, od.simulate(alone.system, alone.x0, straight, alone.step))[0]
+    W = by_analysis(alone, od.simulate(alone.system, alone.x0, straight, alone.step, tolerance=alone.tolerance))[0]
     assert np.linalg.eigvalsh(W)[0] < 1e-9 * np.linalg.eigvalsh(W)[-1]
     found = climbed_from(alone, straight)
     assert found.status is od.Status.LOCALLY_OPTIMAL

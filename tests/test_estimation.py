@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 import obsdesign as od
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.simulation import substeps_along
 from obsdesign.validation import CONSISTENT_SHARE, SETTLED, _judged
 
 # ---------------------------------------------------------------- a linear system and the textbook
@@ -41,17 +42,17 @@ PATH = od.simulate(LINEAR, PRIOR.mean, np.sin(np.arange(STEPS)), STEP)
 PROCESS_NOISE = PSD * STEP
 
 
-def rk4_matrices() -> tuple[np.ndarray, np.ndarray]:
-    """x+ = F x + G u of one RK4 step of a linear system: the exponential series cut after the fourth power."""
-    powers = [np.linalg.matrix_power(STEP * A, i) for i in range(5)]
+def exact_matrices() -> tuple[np.ndarray, np.ndarray]:
+    """x+ = F x + G u of a linear system with its input held: F = sum (A h)^i / i!, G = h sum (A h)^i / (i + 1)! B."""
+    powers = [np.linalg.matrix_power(STEP * A, i) for i in range(25)]
     F = sum(power / math.factorial(i) for i, power in enumerate(powers))
-    G = STEP * sum(power / math.factorial(i + 1) for i, power in enumerate(powers[:4])) @ B
+    G = STEP * sum(power / math.factorial(i + 1) for i, power in enumerate(powers)) @ B
     return F, G
 
 
 def textbook(mean: np.ndarray, y: np.ndarray, active: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Kalman filter: after the update at t_k for k < N, predicted at t_N."""
-    F, G = rk4_matrices()
+    F, G = exact_matrices()
     P = COVARIANCE
     for k in range(STEPS):
         C, R = H[active[k]], np.diag(SIGMAS[active[k]] ** 2)
@@ -67,7 +68,9 @@ def textbook(mean: np.ndarray, y: np.ndarray, active: np.ndarray) -> Iterator[tu
 def filtered(y: np.ndarray, active: np.ndarray, means: np.ndarray) -> list[Belief]:
     """The package's filter for several runs at once."""
     runs = len(means)
-    found = ExtendedKalmanFilter(LINEAR, STEP, PROCESS_NOISE).run(Belief(means, np.tile(COVARIANCE, (runs, 1, 1))), PATH.u, y, active)
+    found = ExtendedKalmanFilter(LINEAR, STEP, PROCESS_NOISE, substeps_along(LINEAR, PATH)).run(
+        Belief(means, np.tile(COVARIANCE, (runs, 1, 1))), PATH.u, y, active
+    )
     return [Belief(mean, covariance) for mean, covariance in zip(found.mean, found.covariance, strict=True)]
 
 

@@ -7,7 +7,7 @@ from itertools import combinations
 import casadi as ca
 import numpy as np
 import pytest
-from by_hand import numerical_rank
+from by_hand import ONE_STEP, numerical_rank
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
@@ -52,12 +52,12 @@ BOTH = pytest.mark.parametrize("system", [ALL_FOUR, PENDULUM], ids=["vehicle", "
 def turning_path(system: od.System = ALL_FOUR, steps: int = 24, step: float = 0.25, seed: int = 3) -> od.Trajectory:
     """A path under a turn rate (or push) drawn anew for each step."""
     start = START[: len(system.model.states)]
-    return od.simulate(system, start, np.random.default_rng(seed).uniform(-0.6, 0.6, steps), step)
+    return od.simulate(system, start, np.random.default_rng(seed).uniform(-0.6, 0.6, steps), step, tolerance=ONE_STEP)
 
 
 def until(path: od.Trajectory, step: int) -> od.Trajectory:
     """The first steps of a path."""
-    return od.Trajectory(path.t[: step + 1], path.x[: step + 1], path.u[:step])
+    return od.Trajectory(path.t[: step + 1], path.x[: step + 1], path.u[:step], tolerance=path.tolerance)
 
 
 def assert_close(found: np.ndarray, expected: np.ndarray, relative: float) -> None:
@@ -114,7 +114,7 @@ def circle_transition(duration: float, speed: float, heading: float, turn_rate: 
 
 
 def flown_circle(duration: float, steps: int, heading: float, turn_rate: float) -> od.Trajectory:
-    return od.simulate(GPS_ONLY, (0.0, 0.0, heading, 2.0, -1.0), np.full(steps, turn_rate), duration / steps)
+    return od.simulate(GPS_ONLY, (0.0, 0.0, heading, 2.0, -1.0), np.full(steps, turn_rate), duration / steps, tolerance=ONE_STEP)
 
 
 @few
@@ -207,7 +207,7 @@ def test_the_gramian_of_a_path_is_the_sum_of_its_parts_transported_to_the_start(
     system: od.System, weighted: bool, relative: float, cut: int, seed: int
 ):
     path = turning_path(system, seed=seed)
-    first, second = until(path, cut), od.Trajectory(path.t[cut:], path.x[cut:], path.u[cut:])
+    first, second = until(path, cut), od.Trajectory(path.t[cut:], path.x[cut:], path.u[cut:], tolerance=path.tolerance)
     Phi = transition_matrices(system, path)[cut]
     W, W1, W2 = (od.variational_gramian(system, part, weighted).total for part in (path, first, second))
     assert_close(W, W1 + Phi.T @ W2 @ Phi, relative)
@@ -257,7 +257,7 @@ def test_transition_matrices_are_the_derivatives_of_the_simulated_states(system:
     Phi, eps = transition_matrices(system, path), 1e-4
     assert Phi.shape == (13, 5, 5)
     for i, unit in enumerate(np.eye(5)):
-        plus, minus = (od.simulate(system, path.x[0] + side * eps * unit, path.u, path.step).x for side in (1, -1))
+        plus, minus = (od.simulate(system, path.x[0] + side * eps * unit, path.u, path.step, tolerance=ONE_STEP).x for side in (1, -1))
         # central differences: error eps^2/6 third derivative <= 1e-8 * distance flown (< 50 m), rounding 1e-14 / eps
         np.testing.assert_allclose(Phi[:, :, i], (plus - minus) / (2 * eps), rtol=1e-5, atol=1e-6)
 
@@ -267,7 +267,9 @@ def test_one_step_is_runge_kutta_of_order_4():
     x = ca.SX.sym("x")
     system = od.ControlAffineSystem(x, ("x",), x * (1 - x), outputs={"y": x})
     exact = 1 / (1 + 4 * np.exp(-3.0))
-    errors = [abs(od.simulate(system, (0.2,), np.zeros((steps, 0)), 3.0 / steps).x[-1, 0] - exact) for steps in (20, 40, 80)]
+    errors = [
+        abs(od.simulate(system, (0.2,), np.zeros((steps, 0)), 3.0 / steps, tolerance=ONE_STEP).x[-1, 0] - exact) for steps in (20, 40, 80)
+    ]
     np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.1)
 
 

@@ -8,7 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from by_hand import BEACON, SCALE, SENSORS, SLOW, START, STEP, Swinging, assert_close, correlated_prior, derivative, flown, stepped
+from by_hand import (
+    BEACON,
+    ONE_STEP,
+    SCALE,
+    SENSORS,
+    SLOW,
+    START,
+    STEP,
+    Swinging,
+    assert_close,
+    correlated_prior,
+    derivative,
+    flown,
+    stepped,
+)
 from flint import arb, arb_mat, ctx
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -320,6 +334,7 @@ def judged_by(criterion: od.Posterior, system: od.System, **changes: object) -> 
             "bounds": {"turn_rate": (-0.5, 0.5)},
             "scale": SCALE[:n],
             "criterion": criterion,
+            "tolerance": ONE_STEP,
             **changes,
         }
     )
@@ -343,7 +358,7 @@ EACH_PROBLEM = pytest.mark.parametrize("problem", JUDGED.values(), ids=JUDGED.ke
 def judged_again(problem: od.DesignProblem, p: np.ndarray) -> np.ndarray:
     """S J S after the last samples of the path that the parameters steer."""
     u = np.array(problem.path.inputs(p, problem.grid))
-    path = od.simulate(problem.system, problem.x0, u, problem.step)
+    path = od.simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
     criterion = problem.criterion
     J = od.posterior_information(problem.system, path, criterion.prior, criterion.disturbance_psd, criterion.unknown_inputs)
     return np.diag(SCALE[: len(problem.x0)]) @ J[-2] @ np.diag(SCALE[: len(problem.x0)])

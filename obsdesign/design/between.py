@@ -144,7 +144,7 @@ def _differ(instants: Instants, path: Trajectory, one: np.ndarray, other: np.nda
 
 
 def _refined(problem: DesignProblem, path: Trajectory, finer: int) -> Trajectory:
-    return simulate(problem.system, path.x[0], np.repeat(path.u, finer, axis=0), path.step / finer)
+    return simulate(problem.system, path.x[0], np.repeat(path.u, finer, axis=0), path.step / finer, tolerance=problem.tolerance)
 
 
 def _minimum(

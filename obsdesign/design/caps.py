@@ -30,7 +30,7 @@ def cap_of(problem: DesignProblem) -> Cap | None:
     if not block.size:
         return None
     grid = problem.grid
-    idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step)
+    idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step, tolerance=problem.tolerance)
     W = problem.matrix(idle)
     names = tuple(problem.system.model.state_names[i] for i in block)
     return Cap(smallest_eigenvalue(W[np.ix_(block, block)]), names)
@@ -39,7 +39,8 @@ def cap_of(problem: DesignProblem) -> Cap | None:
 def _unmoved(problem: DesignProblem) -> np.ndarray:
     """Which diagonal entries (n,) of W no path changes."""
     model = problem.system.model
-    n, one, shape = len(model.states), step_of(model, problem.step).without_disturbance(), sensitivity_of(model, problem.step)
+    n, one = len(model.states), step_of(model, problem.step, problem.substeps).without_disturbance()
+    shape = sensitivity_of(model, problem.step, problem.substeps)
     moved = np.zeros(shape.free.numel(), dtype=bool)  # entries of Phi that depend on the path
     symbols = ca.vertsplit(shape.free)
     while True:

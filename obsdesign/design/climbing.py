@@ -91,7 +91,7 @@ def _settled(problem: DesignProblem, task: Task, u: np.ndarray, checked: bool) -
 def _flown(problem: DesignProblem, p: np.ndarray) -> Trajectory:
     grid = problem.grid
     u = np.array(problem.path.inputs(p, grid), dtype=float)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    return simulate(problem.system, problem.x0, u.reshape(grid.steps, -1), problem.step)
+    return simulate(problem.system, problem.x0, u.reshape(grid.steps, -1), problem.step, tolerance=problem.tolerance)
 
 
 def _climbed(name: str, path: Trajectory, solution: Solution, iterations: int, status: Status) -> Climbed:

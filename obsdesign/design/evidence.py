@@ -66,7 +66,7 @@ def _at_random(problem: DesignProblem, seed: int) -> list[_Seen]:
     for _, u in islice(start_inputs(problem, seed + 1), _CHEAP):
         p = problem.path.fit(u, problem.grid)
         u_fit = np.array(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)  # pyright: ignore[reportArgumentType]
-        path = simulate(problem.system, problem.x0, u_fit, problem.step)
+        path = simulate(problem.system, problem.x0, u_fit, problem.step, tolerance=problem.tolerance)
         if is_feasible(problem, path):
             found.append((path.u, problem.matrix(path)))
     return found

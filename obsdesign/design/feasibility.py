@@ -114,7 +114,7 @@ def _missed(problem: DesignProblem, every: np.ndarray) -> np.ndarray:
     size = max(1, _STATES // (grid.steps + 1))
     for first in range(0, len(every), size):
         u = np.array([_inputs(problem, p) for p in every[first : first + size]])
-        x = states_from(problem.system, np.tile(problem.x0, (len(u), 1)), u, problem.step)
+        x = states_from(problem.system, np.tile(problem.x0, (len(u), 1)), u, problem.step, substeps=problem.substeps)
         ends = np.concatenate([u, u[:, -1:]], axis=1)
         values = functions.values(x.reshape(-1, x.shape[2]), ends.reshape(-1, ends.shape[2])).reshape(*x.shape[:2], -1)
         found.append(np.column_stack([*_by_constraint(problem, values, owner), *_by_budget(problem, values, functions.margins)]))
@@ -164,5 +164,5 @@ def _inputs(problem: DesignProblem, p: np.ndarray) -> np.ndarray:
 
 def _judged(problem: DesignProblem, p: np.ndarray) -> tuple[Trajectory, float]:
     """The path of parameters, and its least margin where that is below 0; 0 where all limits are kept."""
-    path = simulate(problem.system, problem.x0, _inputs(problem, p), problem.step)
+    path = simulate(problem.system, problem.x0, _inputs(problem, p), problem.step, tolerance=problem.tolerance)
     return path, min((each.margin for each in shortfalls(problem, path)), default=0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,20 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive
+from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, require_tolerance
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs._terms import Budget, Price
 from obsdesign.criteria._factor import shadow
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.consistency import require_consistent
+from obsdesign.errors import InputError
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.totals import batch_information, path_information
 from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior
-from obsdesign.simulation import as_scale, as_state, simulate
-from obsdesign.trajectory import Trajectory
+from obsdesign.simulation import as_scale, as_state, simulate, substeps_needed
+from obsdesign.trajectory import TOLERANCE, Trajectory
 
 
 @validate_arguments
@@ -74,7 +76,8 @@ class DesignProblem:
     standard deviations); about: the states that are judged while the others are found as well, () = all: then W is the Schur
     complement W_aa - W_ab W_bb^-1 W_ba; known (n, n): information about x(t_0) that is already there, added to W; weights (K, S):
     how much the samples of each sensor count in each of K equal groups of steps, such as a schedule, None = all of them, once; at
-    most 1, the share of them that is there, for a sensor whose errors are not independent.
+    most 1, the share of them that is there, for a sensor whose errors are not independent; tolerance: relative error of the
+    steps, as in simulate.
     Raises InputError for names, shapes and values that do not fit together.
     """
 
@@ -95,9 +98,11 @@ class DesignProblem:
     robust: Robust | None = None
     known: ArrayLike | None = None
     weights: ArrayLike | None = None
+    tolerance: float = TOLERANCE
 
     def __post_init__(self) -> None:
         put = object.__setattr__
+        require_tolerance(self.tolerance)
         put(self, "start", as_state(self.system, self.start, "start"))
         put(self, "scale", as_scale(self.system, self.scale))
         for name in ("constraints", "about", "prices", "budgets"):
@@ -137,6 +142,20 @@ class DesignProblem:
     def steps(self) -> int:
         """N; of the longest duration where there is a choice."""
         return round(self.longest / self.step)
+
+    @cached_property
+    def substeps(self) -> int:
+        """Of how many sub-steps the steps of a climb are made; a path that was found is judged with as many as it needs itself.
+
+        Enough for all inputs within the bounds where the graph tells, else for each input held at either bound and in the middle.
+        """
+        grid, inputs = self.grid, np.array(list(zip(self.lower, self.upper, strict=True))).reshape(-1, 2)
+        held = [grid.centre, *(np.where(np.arange(len(inputs)) == j, side, grid.centre) for j, pair in enumerate(inputs) for side in pair)]
+        counts = [1]
+        for u in (*held, self.lower, self.upper):
+            with suppress(InputError):  # a motion that runs away, or is not wanted: the path that is found is judged by itself
+                counts += substeps_needed(self.system, self.x0[None], np.tile(u, (self.steps, 1)), self.step, None, self.tolerance).tolist()
+        return max(counts)
 
     @property
     def x0(self) -> np.ndarray:
@@ -191,9 +210,13 @@ class DesignProblem:
         The same numbers as `value`; at once where all samples count once.
         """
         if self.criterion.knowledge is None and self.weights is None:
-            return np.array([self.rated(W) for W in batch_information(self.system, starts, u, self.step).sum(axis=1)])
+            return np.array(
+                [self.rated(W) for W in batch_information(self.system, starts, u, self.step, tolerance=self.tolerance).sum(axis=1)]
+            )
         each = np.broadcast_to(u, (len(starts), *u.shape[-2:]))
-        return np.array([self.value(simulate(self.system, x, own, self.step)) for x, own in zip(starts, each, strict=True)])
+        return np.array(
+            [self.value(simulate(self.system, x, own, self.step, tolerance=self.tolerance)) for x, own in zip(starts, each, strict=True)]
+        )
 
     def matrix(self, path: Trajectory) -> np.ndarray:
         """S (W + known) S (n, n) of a path."""
@@ -219,7 +242,7 @@ class DesignProblem:
         weights = None if self.weights is None else (np.asarray(self.weights).shape, np.asarray(self.weights).tobytes())
         arrays = (self.x0.tobytes(), self.units.tobytes(), np.asarray(self.known).tobytes(), weights)
         asked = self.criterion, self.about, self.constraints, self.prices, self.budgets, self.floor, self.robust
-        return self.system, arrays, self.duration, self.step, self.path, tables, asked
+        return self.system, arrays, self.duration, self.step, self.tolerance, self.path, tables, asked
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, DesignProblem) and self._key == other._key

@@ -36,8 +36,8 @@ class Program(AbstractProgram):
         self.problem, model = problem, problem.system.model
         self.n, self.m, self.steps = len(model.states), len(model.inputs), problem.steps
         self._is_judged = judged or problem.floor is not None
-        known, step = problem.criterion.knowledge if self._is_judged else None, problem.step
-        self._variation = _variation_of(model, step, known, segments is not None) if self._is_judged else _bare_variation_of(model, step)
+        known, step, pace = problem.criterion.knowledge if self._is_judged else None, problem.step, (problem.step, problem.substeps)
+        self._variation = _variation_of(model, pace, known, segments is not None) if self._is_judged else _bare_variation_of(model, pace)
         self._due = sampled(problem.system, self.steps, step).astype(float)
         self._sensors, aside = self._due.shape[1], _beside(model, self._due, known, segments)
         if problem.weights is not None:
@@ -314,11 +314,12 @@ def _beside(model: Model, due: np.ndarray, known: Knowledge | None, segments: in
 
 
 @lru_cache(CACHED)
-def _variation_of(model: Model, step: float, known: Knowledge | None, counted: bool) -> Variation:
-    recursion = gramian_recursion(model, step, counted) if known is None else posterior_recursion(model, step, known)
+def _variation_of(model: Model, pace: tuple[float, int], known: Knowledge | None, counted: bool) -> Variation:
+    step, substeps = pace
+    recursion = gramian_recursion(model, step, substeps, counted) if known is None else posterior_recursion(model, step, known, substeps)
     return Variation(recursion, len(model.states))
 
 
 @lru_cache(CACHED)
-def _bare_variation_of(model: Model, step: float) -> Variation:
-    return Variation(bare_recursion(model, step), len(model.states))
+def _bare_variation_of(model: Model, pace: tuple[float, int]) -> Variation:
+    return Variation(bare_recursion(model, *pace), len(model.states))

@@ -38,13 +38,13 @@ class Recursion:
 
 
 @lru_cache(CACHED)
-def gramian_recursion(model: Model, step: float, counted: bool = False) -> Recursion:
+def gramian_recursion(model: Model, step: float, substeps: int = 1, counted: bool = False) -> Recursion:
     """Carry Phi; gain = sum over sensors of due_s Phi' C_s' R_s^-1 C_s Phi.
 
     Where errors are not independent, carry what is remembered of them as well: gains are what samples add to those before them, due
     is (share, due) (2 S,); counted: amounts from below for stretches, due is (share, due, fresh, factor, spread), see `Instant`.
     """
-    one, shape = step_of(model, step).without_disturbance(), sensitivity_of(model, step)
+    one, shape = step_of(model, step, substeps).without_disturbance(), sensitivity_of(model, step, substeps)
     if colour_of(model) is not None:
         found = instant_of(model, shape.Phi, masked=True, counted=counted)
         gain = sum(found.blocks, ca.SX(*shape.Phi.shape))
@@ -59,25 +59,25 @@ def gramian_recursion(model: Model, step: float, counted: bool = False) -> Recur
 
 
 @lru_cache(CACHED)
-def bare_recursion(model: Model, step: float) -> Recursion:
+def bare_recursion(model: Model, step: float, substeps: int = 1) -> Recursion:
     """Carry the state alone, and gain nothing."""
-    one = step_of(model, step).without_disturbance()
+    one = step_of(model, step, substeps).without_disturbance()
     return Recursion(one.x, one.u, ca.SX.sym("due", len(model.channels)), one.x_next, ca.SX(0, 1), np.zeros(0))
 
 
 @lru_cache(CACHED)
-def posterior_recursion(model: Model, step: float, known: Knowledge) -> Recursion:
+def posterior_recursion(model: Model, step: float, known: Knowledge, substeps: int = 1) -> Recursion:
     """Carry J, packed, before the samples of t_k: J+ = M - M B (B'M B + Q^-1)^-1 B'M with M = F^-T (J + C'R^-1 C) F^-1.
 
     The last gain is J + C'R^-1 C of t_N-1. In plain arithmetic, smooth, for the solver; values are recomputed with square roots.
     With errors that last, J is about the constant ones (c of them) and the state, and `Errors` are carried along.
     """
-    one, nuisance = step_of(model, step).without_disturbance(), nuisance_of(model, step)
+    one, nuisance = step_of(model, step, substeps).without_disturbance(), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     due, (J, entries) = ca.SX.sym("due", len(model.channels) + 1), symmetric("J", c + n)
     M, (V, spread) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     after, errors = _after_samples(model, nuisance, (J, Errors(M, V)), due)
-    moved, later = _moved(one, _columns(model, step, known), (after, errors.later(nuisance)))
+    moved, later = _moved(one, _columns(model, one, step, known), (after, errors.later(nuisance)))
     start = np.eye(c + n)
     start[c:, c:] = np.linalg.inv(known.prior.covariance)
     z = ca.vertcat(one.x, entries, ca.vec(M), spread)
@@ -113,9 +113,9 @@ def _moved(one: Step, columns: list[tuple[ca.SX, float]], after: _Known) -> _Kno
     return moved, Errors(M, V)
 
 
-def _columns(model: Model, step: float, known: Knowledge) -> list[tuple[ca.SX, float]]:
+def _columns(model: Model, one: Step, step: float, known: Knowledge) -> list[tuple[ca.SX, float]]:
     """What moves the state beside its inputs, and the information that there is about it before: 0 of unknown inputs, 1 of noise."""
-    one, names = step_of(model, step).without_disturbance(), [signal.name for signal in model.unknown_inputs]
+    names = [signal.name for signal in model.unknown_inputs]
     L = noise_factor(known.disturbance_psd, len(model.states), step)
     unknown = [(one.B_w[:, names.index(name)], 0.0) for name in known.unknown_inputs]
     return unknown + [(ca.SX(ca.DM(L[:, column])), 1.0) for column in range(L.shape[1])]

@@ -95,7 +95,7 @@ def _allowed(problem: DesignProblem, weaves: list[Weave], inputs: np.ndarray) ->
     """Yield those of the weaves with inputs (R, N, m) that break no limit between nodes either, best first."""
     values = _objectives(problem, inputs)
     for i in np.argsort(-values, kind="stable"):
-        path = simulate(problem.system, problem.x0, inputs[i], problem.step)
+        path = simulate(problem.system, problem.x0, inputs[i], problem.step, tolerance=problem.tolerance)
         if is_feasible(problem, path):
             yield float(values[i]), weaves[i], path
 
@@ -106,7 +106,7 @@ def _objectives(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
     if not problem.prices and problem.robust is None:
         return found
     judged = np.arange(len(inputs)) if problem.robust is None else np.argsort(-found, kind="stable")[:_JUDGED]
-    paths = [simulate(problem.system, problem.x0, inputs[i], problem.step) for i in judged]
+    paths = [simulate(problem.system, problem.x0, inputs[i], problem.step, tolerance=problem.tolerance) for i in judged]
     objectives = np.full(len(inputs), -np.inf)
     if problem.robust is None:
         objectives[judged] = found - [price_of(problem, path) for path in paths]
@@ -131,4 +131,4 @@ def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:
 
 def _flown(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
     """States (R, N+1, n) of the paths of R input histories (R, N, m)."""
-    return states_from(problem.system, np.tile(problem.x0, (len(inputs), 1)), inputs, problem.step)
+    return states_from(problem.system, np.tile(problem.x0, (len(inputs), 1)), inputs, problem.step, substeps=problem.substeps)

@@ -54,24 +54,24 @@ def root_belief(carry: np.ndarray, n: int, nuisance: Nuisance) -> tuple[np.ndarr
 
 
 @lru_cache(CACHED)
-def root_scans(model: Model, step: float) -> Scans:
+def root_scans(model: Model, step: float, substeps: int) -> Scans:
     """Return the walks; the carry is (X, S), S column by column, and the row of process noise a root (n n,) of it by rows."""
     n, size = model.x.numel(), model.x.numel() + nuisance_of(model, step).size
-    X, S, u = ca.vertcat(model.x, ca.SX.sym("errors", size - n)), ca.SX.sym("S", size, size), step_of(model, step).u
+    X, S, u = ca.vertcat(model.x, ca.SX.sym("errors", size - n)), ca.SX.sym("S", size, size), model.u
     carry, noise = ca.vertcat(X, ca.vec(S)), ca.SX.sym("noise", n * n)
     y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
     mean, root = _updated(model, step, (X, S), y, active)
     known = [mean[:n], ca.vec(root[:n, :] @ root[:n, :].T)]
     return Scans(
-        Scan(carry, [u, noise], _predicted(model, step, X, S, noise)),
+        Scan(carry, [u, noise], _predicted(model, (step, substeps), X, S, noise)),
         Scan(carry, [y, active], ca.vertcat(mean, ca.vec(root))),
-        Scan(carry, [u, y, active, noise], _predicted(model, step, mean, root, noise), known),
+        Scan(carry, [u, y, active, noise], _predicted(model, (step, substeps), mean, root, noise), known),
     )
 
 
-def _predicted(model: Model, step: float, X: ca.SX, S: ca.SX, noise: ca.SX) -> ca.SX:
+def _predicted(model: Model, pace: tuple[float, int], X: ca.SX, S: ca.SX, noise: ca.SX) -> ca.SX:
     """(f(x, u), decay z, b) and the triangular root of F S S' F' + Q, F and Q those of (x, z, b)."""
-    one, nuisance, n = step_of(model, step).without_disturbance(), nuisance_of(model, step), model.x.numel()
+    one, nuisance, n = step_of(model, *pace).without_disturbance(), nuisance_of(model, pace[0]), model.x.numel()
     x_next, F = (ca.substitute(value, one.x, X[:n]) for value in (one.x_next, one.F))
     decay = ca.SX(ca.DM(nuisance.transition))
     fresh = ca.sparsify(ca.SX(ca.DM(root_of(nuisance.fresh))))

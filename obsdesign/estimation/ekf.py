@@ -15,7 +15,7 @@ from obsdesign.model import AbstractSystem, Model
 from obsdesign.nuisance import Nuisance, nuisance_of
 from obsdesign.packing import packed, packed_values, symmetric, unpacked
 from obsdesign.scan import Scan
-from obsdesign.step import CACHED, step_of
+from obsdesign.step import CACHED, Step, step_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,13 @@ class ExtendedKalmanFilter:
 
     The filter's own model of the samples is the one that is stated: correlated, constant and joint errors are nuisance states
     beside x, see `Nuisance`. A sample has then nothing white left, and covariances are carried as roots.
+    substeps: of how many each step is made; see `substeps_along`, `substeps_needed`.
     """
 
     system: AbstractSystem
     step: float
     noise: np.ndarray
+    substeps: int = 1
 
     def predict(self, belief: Belief, u: np.ndarray) -> Belief:
         """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs."""
@@ -74,7 +76,7 @@ class ExtendedKalmanFilter:
     @property
     def _scans(self) -> Scans:
         model = self.system.model
-        return root_scans(model, self.step) if self._nuisance.size else _scans(model, self.step)
+        return root_scans(model, self.step, self.substeps) if self._nuisance.size else _scans(model, self.step, self.substeps)
 
     @property
     def _nuisance(self) -> Nuisance:
@@ -115,16 +117,16 @@ def _packed(belief: Belief) -> np.ndarray:
 
 
 @lru_cache(CACHED)
-def _scans(model: Model, step: float) -> Scans:
-    return Scans(_predict(model, step), _update(model), _filter(model, step))
+def _scans(model: Model, step: float, substeps: int) -> Scans:
+    return Scans(_predict(model, step, substeps), _update(model), _filter(model, step, substeps))
 
 
 @lru_cache(CACHED)
-def _predict(model: Model, step: float) -> Scan:
-    one = step_of(model, step)
+def _predict(model: Model, step: float, substeps: int) -> Scan:
+    one = step_of(model, step, substeps)
     n = one.x.numel()
     (P, carry), (Q, added) = symmetric("P", n), symmetric("Q", n)
-    return Scan(ca.vertcat(one.x, carry), [one.u, added], _predicted(model, step, one.x, P, Q))
+    return Scan(ca.vertcat(one.x, carry), [one.u, added], _predicted(one, one.x, P, Q))
 
 
 @lru_cache(CACHED)
@@ -136,20 +138,20 @@ def _update(model: Model) -> Scan:
 
 
 @lru_cache(CACHED)
-def _filter(model: Model, step: float) -> Scan:
+def _filter(model: Model, step: float, substeps: int) -> Scan:
     """One update and one prediction; results: mean (n,) and covariance (n n,) between them."""
-    one = step_of(model, step)
+    one = step_of(model, step, substeps)
     n = model.x.numel()
     (P, carry), (Q, added) = symmetric("P", n), symmetric("Q", n)
     y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
     mean, covariance = _updated(model, P, y, active)
-    carry_next = _predicted(model, step, mean, covariance, Q)
+    carry_next = _predicted(one, mean, covariance, Q)
     return Scan(ca.vertcat(model.x, carry), [one.u, y, active, added], carry_next, [mean, ca.vec(covariance)])
 
 
-def _predicted(model: Model, step: float, mean: ca.SX, P: ca.SX, Q: ca.SX) -> ca.SX:
+def _predicted(step: Step, mean: ca.SX, P: ca.SX, Q: ca.SX) -> ca.SX:
     """(f(x, u), lower triangle of F P F' + Q)."""
-    one = step_of(model, step).without_disturbance()
+    one = step.without_disturbance()
     x_next, F = (ca.substitute(value, one.x, mean) for value in (one.x_next, one.F))
     return ca.vertcat(x_next, packed(F @ P @ F.T + Q))
 

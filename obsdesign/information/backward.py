@@ -15,7 +15,7 @@ from obsdesign.model import AbstractSystem, Model
 from obsdesign.nuisance import nuisance_of
 from obsdesign.packing import packed, symmetric
 from obsdesign.scan import Scan
-from obsdesign.simulation import held_along
+from obsdesign.simulation import held_along, substeps_along
 from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
@@ -36,12 +36,12 @@ def sample_rows(model: Model, weights: ca.SX) -> ca.SX:
 
 
 @lru_cache(CACHED)
-def _backward(model: Model, step: float, disturbance: Disturbance) -> Scan:
+def _backward(model: Model, step: float, disturbance: Disturbance, substeps: int) -> Scan:
     """(root of what later samples say about x_k+1, the square of it if all inputs were known) -> the same about x_k.
 
     Results: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k); and B'L'L B if all were known.
     """
-    one = step_of(model, step)
+    one = step_of(model, step, substeps)
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
     L, rounding, (alone, second) = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n), symmetric("alone", n)
     B, samples = one.B_w[:, list(disturbance.unknown)], sample_rows(model, weights)
@@ -57,7 +57,7 @@ def _backward(model: Model, step: float, disturbance: Disturbance) -> Scan:
 def backwards(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return (N, n, n + p), roots of what later samples say about (x_k, w_k); raise InputError for inputs that leave no trace."""
     n, p = path.x.shape[1], len(disturbance.unknown)
-    scan = _backward(system.model, path.step, disturbance)
+    scan = _backward(system.model, path.step, disturbance, substeps_along(system, path))
     start = np.zeros((1, n * n + n + n * (n + 1) // 2))
     rows = [values[::-1] for values in (path.x[:-1], held_along(system, path), weights)]
     run = scan.run(start, rows, path.steps, carries=False)
@@ -69,12 +69,12 @@ def backwards(system: AbstractSystem, path: Trajectory, disturbance: Disturbance
 
 
 @lru_cache(CACHED)
-def _backward_lasting(model: Model, step: float, disturbance: Disturbance) -> Scan:
+def _backward_lasting(model: Model, step: float, disturbance: Disturbance, substeps: int) -> Scan:
     """The same where errors last, about (b, x_k+1, z_k): z before it moves on, for samples are exact about the two together after.
 
     Result: L [F 0 B] about (b, x_k, z_k, w_k).
     """
-    one, nuisance, n = step_of(model, step), nuisance_of(model, step), len(model.states)
+    one, nuisance, n = step_of(model, step, substeps), nuisance_of(model, step), len(model.states)
     a, c = len(nuisance.coloured), len(nuisance.constant)
     size, weights = a + c + n, ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", size, size), ca.SX.sym("rounding", size)
@@ -93,7 +93,7 @@ def backwards_lasting(system: AbstractSystem, path: Trajectory, disturbance: Dis
     """Return roots (N, s, s + p) of what the samples after t_k say about (b, x_k, z_k, w_k), s = c + n + a, where errors last."""
     size, p = path.x.shape[1] + nuisance_of(system.model, path.step).size, len(disturbance.unknown)
     rows = [values[::-1] for values in (path.x[:-1], held_along(system, path), weights)]
-    scan = _backward_lasting(system.model, path.step, disturbance)
+    scan = _backward_lasting(system.model, path.step, disturbance, substeps_along(system, path))
     later = scan.run(np.zeros((1, size * size + size)), rows, path.steps, carries=False).results[0][0, ::-1]
     if not np.isfinite(later).all():
         refuse(later, system, path, weights)

@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_positive
+from obsdesign.checks import require_positive, require_tolerance
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_sensors, variational_gramian
 from obsdesign.information.totals import Walk, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
-from obsdesign.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate
+from obsdesign.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate, substeps_needed
 from obsdesign.step import CACHED
+from obsdesign.trajectory import TOLERANCE
 
 
 @validate_arguments
@@ -30,13 +31,17 @@ def information_value(
     scale: ArrayLike | None = None,
     *,
     w: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
 ) -> float:
     """Return criterion(S W S) of the path from x0 (n,) under u (N, m); scale (n,): the diagonal of S, None = ones.
 
-    w (N, p): what the unknown inputs are, None = 0. Raises InputError as simulate and variational_gramian.
+    w (N, p): what the unknown inputs are, None = 0; tolerance: relative error of the steps, as in simulate.
+    Raises InputError as simulate and variational_gramian.
     """
     start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
-    walk, carry, _, _ = _walked(system, start, known, unknown, dt, carries=False)
+    require_tolerance(tolerance)
+    substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
+    walk, carry, _, _ = _walked(system, start, known, unknown, dt, substeps, carries=False)
     return criterion.value(walk.sums(carry)[0].sum(axis=0) * S[:, None] * S)
 
 
@@ -50,16 +55,19 @@ def information_gradient(
     scale: ArrayLike | None = None,
     *,
     w: ArrayLike | None = None,
+    tolerance: float = TOLERANCE,
 ) -> tuple[float, np.ndarray]:
     """Return criterion(S W S) and its gradient (N, m) with respect to the inputs u (N, m), the unknown ones w (N, p) given.
 
     The adjoint of the walk (x, Phi, W): with Z the criterion's slope, d value = <Z, dW>, x and Phi (and what is remembered of
     errors that are not independent) are carried back from the last step to the first. Where eigenvalues coincide the slope of
-    lambda_min is one of its supergradients.
+    lambda_min is one of its supergradients. tolerance: as in simulate.
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
     start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
-    walk, carry, carries, taken = _walked(system, start, known, unknown, dt, carries=True)
+    require_tolerance(tolerance)
+    substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
+    walk, carry, carries, taken = _walked(system, start, known, unknown, dt, substeps, carries=True)
     W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
     value = criterion.value(W)
     if not np.isfinite(value):
@@ -69,7 +77,7 @@ def information_gradient(
     before = np.concatenate([walk.first(start[None]), carries[:-1]])[:, :moving]
     reversed_rows = [row[::-1] for row in (before, side_by_side(known, unknown), *taken)]
     rows = [*reversed_rows, Z.ravel()]
-    adjoint = _back(system.model, dt).run(np.zeros((1, moving)), rows, len(before), carries=False)
+    adjoint = _back(system.model, dt, substeps).run(np.zeros((1, moving)), rows, len(before), carries=False)
     return value, adjoint.results[0][0, ::-1].copy()
 
 
@@ -84,10 +92,10 @@ def _checked(
 
 
 def _walked(
-    system: AbstractSystem, start: np.ndarray, u: np.ndarray, w: np.ndarray, dt: float, carries: bool
+    system: AbstractSystem, start: np.ndarray, u: np.ndarray, w: np.ndarray, dt: float, substeps: int, *, carries: bool
 ) -> tuple[Walk, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Return the walk, its last carry (1, c), the carries (N, c) if wanted, and who samples."""
-    walk = walk_of(system.model, dt)
+    walk = walk_of(system.model, dt, substeps)
     taken = walk.taken(system, len(u), dt)
     run = walk.scan.run(walk.first(start[None]), [u, w, *taken], len(u), carries=carries)
     if not np.isfinite(run.carry).all():
@@ -96,9 +104,9 @@ def _walked(
 
 
 @lru_cache(CACHED)
-def _back(model: Model, dt: float) -> Scan:
+def _back(model: Model, dt: float, substeps: int) -> Scan:
     """(adjoint of x, of the carry) at t_k+1 -> at t_k; rows (x, carry)_k, (u, w)_k, who samples, Z; result: the gradient (m,) to u_k."""
-    one, n = stepped(model, dt), len(model.states)
+    one, n = stepped(model, dt, substeps), len(model.states)
     state, state_next = ca.vertcat(one.x, one.carry), ca.vertcat(one.x_next, one.carry_next)
     Z, later = ca.SX.sym("Z", n * n), ca.SX.sym("adjoint", state.numel())
     potential = ca.dot(ca.reshape(Z, n, n), sum(one.blocks, ca.SX(n, n))) + ca.dot(later, state_next)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -21,12 +22,23 @@ from obsdesign.information.sampling import sampled_only, samples_of, with_deriva
 from obsdesign.information.whitening import seen_of
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
-from obsdesign.simulation import held_along, readings, states_from
+from obsdesign.simulation import held_along, readings, states_from, substeps_along
 from obsdesign.step import CACHED, blocks_of, dense_blocks, sensitivity_along, step_of
 from obsdesign.trajectory import Trajectory
 
-# (x (N, n), (u, w) (N, m + p), step, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step
-_Sampler = Callable[[np.ndarray, np.ndarray, float, bool], np.ndarray]
+_HALVED = 15  # change of an integral of order 4 when its pieces are halved, over what is left of its error
+_PIECES = 1024  # of one step, at most
+
+
+class _Pace(NamedTuple):
+    """Length of a step [s], and of how many sub-steps it is made."""
+
+    step: float
+    substeps: int
+
+
+# (x (N, n), (u, w) (N, m + p), pace, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step
+_Sampler = Callable[[np.ndarray, np.ndarray, _Pace, bool], np.ndarray]
 
 
 @validate_arguments
@@ -42,7 +54,7 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     if weighted:
         if colour_of(system.model) is not None:
             return _coloured_gramian(system, path)
-        Phi, blocks = _sensitivities(system, path.x[:-1], held_along(system, path), path.step, True)
+        Phi, blocks = _sensitivities(system, path.x[:-1], held_along(system, path), _pace_of(system, path), True)
         blocks, end = sampled_only(blocks, system, path.step), Phi[-1]
     else:
         blocks, end = _integrated(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
@@ -52,9 +64,10 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
 def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:
     """The same with the samples of the sensors whose errors are not independent."""
     model, n = system.model, path.x.shape[1]
-    shape, colour = sensitivity_along(model, path.step), require_coloured(model)
+    pace, colour = _pace_of(system, path), require_coloured(model)
+    shape = sensitivity_along(model, *pace)
     rows = [path.x[:-1], held_along(system, path)]
-    run = _transported_rows(model, path.step).run(shape.start[None], rows, path.steps, carries=False)
+    run = _transported_rows(model, *pace).run(shape.start[None], rows, path.steps, carries=False)
     blocks = sampled_only(run.results[0].reshape(path.steps, -1, n, n), system, path.step)
     blocks = with_derivatives(blocks, system, path)
     seen = [values[0] for values in run.results[1:]]
@@ -76,11 +89,15 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
     reference = variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
     sampler = partial(_difference_samples, system, size)
     if weighted:
-        blocks = sampled_only(sampler(path.x[:-1], held_along(system, path), path.step, True), system, path.step)
+        blocks = sampled_only(sampler(path.x[:-1], held_along(system, path), _pace_of(system, path), True), system, path.step)
     else:
         blocks = _integrated(system, path, sampler)
     samples = None if reference.samples is None else _difference_rows(system, size, path, reference.samples)
     return with_samples(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition, samples)
+
+
+def _pace_of(system: AbstractSystem, path: Trajectory) -> _Pace:
+    return _Pace(path.step, substeps_along(system, path))
 
 
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
@@ -105,8 +122,9 @@ def require_sensors(system: AbstractSystem) -> None:
 
 def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return Phi (N+1, n, n): Phi[k] = dx(t_k)/dx(t_0) along the path."""
-    shape = sensitivity_along(system.model, path.step)
-    later = _transition(system.model, path.step).along(shape.start, path.x[:-1], held_along(system, path))[0]
+    pace = _pace_of(system, path)
+    shape = sensitivity_along(system.model, *pace)
+    later = _transition(system.model, *pace).along(shape.start, path.x[:-1], held_along(system, path))[0]
     if not all_finite(later):
         k = int(np.argwhere(~np.isfinite(later))[0, 0])
         raise InputError(f"dx(t_k)/dx(t_0) is not finite from step {k + 1} (t = {path.t[k + 1]:g} s) on: the system is too unstable")
@@ -114,37 +132,37 @@ def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
 
 
 @lru_cache(CACHED)
-def _transition(model: Model, step: float) -> Scan:
+def _transition(model: Model, step: float, substeps: int) -> Scan:
     """Phi -> F(x, u, w) Phi, without the blocks."""
-    one, shape = step_of(model, step), sensitivity_along(model, step)
+    one, shape = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
     return Scan(shape.free, [one.x, one.held], shape.next)
 
 
 @lru_cache(CACHED)
-def transported(model: Model, step: float, weighted: bool) -> Scan:
+def transported(model: Model, step: float, weighted: bool, substeps: int = 1) -> Scan:
     """Phi -> F(x, u, w) Phi, with the blocks (S n n,) of a sample at x."""
-    one, shape = step_of(model, step), sensitivity_along(model, step)
+    one, shape = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
     return Scan(shape.free, [one.x, one.held], shape.next, [dense_blocks(blocks_of(model, shape.Phi, weighted))])
 
 
 @lru_cache(CACHED)
-def _transported_rows(model: Model, step: float) -> Scan:
+def _transported_rows(model: Model, step: float, substeps: int) -> Scan:
     """The same with the rows (q n), level (q,) and gate (q,) of the outputs whose errors are not independent."""
-    one, shape = step_of(model, step), sensitivity_along(model, step)
+    one, shape = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
     seen = seen_of(model, require_coloured(model), shape.Phi)
     results = [dense_blocks(blocks_of(model, shape.Phi)), ca.vec(ca.densify(seen.rows).T), seen.level, seen.gate]
     return Scan(shape.free, [one.x, one.held], shape.next, results)
 
 
-def _sensitivities(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, weighted: bool) -> tuple[np.ndarray, np.ndarray]:
+def _sensitivities(system: AbstractSystem, x: np.ndarray, held: np.ndarray, pace: _Pace, weighted: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi (1, n, n) after the last step, and blocks (N, S, n, n)."""
-    shape, n = sensitivity_along(system.model, step), x.shape[1]
-    run = transported(system.model, step, weighted).run(shape.start[None], [x, held], len(x), carries=False)
+    shape, n = sensitivity_along(system.model, *pace), x.shape[1]
+    run = transported(system.model, pace.step, weighted, pace.substeps).run(shape.start[None], [x, held], len(x), carries=False)
     return shape.full(run.carry), run.results[0].reshape(len(x), -1, n, n)
 
 
-def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, weighted: bool) -> np.ndarray:
-    return _sensitivities(system, x, held, step, weighted)[1]
+def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, held: np.ndarray, pace: _Pace, weighted: bool) -> np.ndarray:
+    return _sensitivities(system, x, held, pace, weighted)[1]
 
 
 def perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
@@ -162,10 +180,10 @@ def perturbation_of(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
 
 
 def _difference_samples(
-    system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, step: float, weighted: bool
+    system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, pace: _Pace, weighted: bool
 ) -> np.ndarray:
     """Central differences over 2 n paths; the weights are those of the path itself."""
-    model, Y = system.model, _differences(system, eps, x, held, step)
+    model, Y = system.model, _differences(system, eps, x, held, pace)
     if weighted:
         along = readings(system, x[None])
         Y *= np.sqrt(along.gate[0] / along.variance[0])
@@ -174,11 +192,11 @@ def _difference_samples(
     return np.stack(each, axis=1)
 
 
-def _differences(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:
+def _differences(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: np.ndarray, pace: _Pace) -> np.ndarray:
     """Return dy/dx(t_0) (n, N, q) as differences over 2 n paths."""
     n, (u, w) = x.shape[1], _apart(system, held)
     starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
-    states = states_from(system, starts, u, step, w, kicks=defects(system, x, held, step))[:, :-1]
+    states = states_from(system, starts, u, pace.step, w, defects(system, x, held, *pace), substeps=pace.substeps)[:, :-1]
     y = readings(system, states).y
     angles = np.array([signal.is_angle for signal in system.model.outputs])
     return wrap_columns(y[:n] - y[n:], angles) / (2 * eps[:, None, None])
@@ -186,30 +204,49 @@ def _differences(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, held: n
 
 def _difference_rows(system: AbstractSystem, eps: np.ndarray, path: Trajectory, exact: Samples) -> Samples:
     """The samples of coloured outputs with differences for derivatives."""
-    Y = _differences(system, eps, path.x[:-1], held_along(system, path), path.step)
+    Y = _differences(system, eps, path.x[:-1], held_along(system, path), _pace_of(system, path))
     kept = [j for s in exact.colour.places for j, owner in enumerate(system.model.output_owner) if owner == s]
     return replace(exact, rows=np.moveaxis(Y[..., kept], 0, 2) * exact.level[..., None])
 
 
-def defects(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:
+def defects(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, substeps: int = 1) -> np.ndarray:
     """Return x_k+1 - f(x_k, u_k, w_k) (N, n) along states x (N, n), the last 0: what the model does not say of a path not simulated."""
-    reached = _one_step(system, x, held, step)
+    reached = _one_step(system, x, held, step, substeps)
     return np.vstack([x[1:] - reached[:-1], np.zeros((1, x.shape[1]))])
 
 
 def _integrated(system: AbstractSystem, path: Trajectory, sampler: _Sampler) -> np.ndarray:
-    """Simpson's rule over each step on the values at its start, middle and end."""
-    half, held = path.step / 2, held_along(system, path)
-    fine = np.empty((2 * path.steps + 1, path.x.shape[1]))
-    fine[::2], fine[1::2] = path.x, _one_step(system, path.x[:-1], held, half)
-    values = sampler(fine, np.vstack([np.repeat(held, 2, axis=0), held[-1:]]), half, False)
-    return (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half / 3
+    """Simpson's rule over equal pieces of each step, as many as it takes for the path's tolerance: halves of them change less."""
+    pieces = substeps_along(system, path)
+    found = _simpson(system, path, sampler, pieces)
+    while True:
+        finer = _simpson(system, path, sampler, 2 * pieces)
+        sums = [values.sum(axis=0) for values in (found, finer)]
+        size = np.sqrt(np.maximum(np.diagonal(sums[1], axis1=1, axis2=2), 0.0))
+        difference = np.abs(sums[1] - sums[0]) / _HALVED
+        # what is not finite is refused by whoever asked
+        if not np.any(difference > path.tolerance * size[:, :, None] * size[:, None]) or pieces >= _PIECES:
+            return found
+        pieces, found = 2 * pieces, finer
 
 
-def _one_step(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float) -> np.ndarray:
+def _simpson(system: AbstractSystem, path: Trajectory, sampler: _Sampler, pieces: int) -> np.ndarray:
+    """Return the integral over each step (N, S, n, n), on the values at start, middle and end of each piece."""
+    held, half = held_along(system, path), _Pace(path.step / (2 * pieces), min(pieces, 2))
+    inside = np.empty((path.steps, 2 * pieces, path.x.shape[1]))
+    inside[:, 0] = path.x[:-1]
+    for j in range(1, 2 * pieces):
+        inside[:, j] = _one_step(system, inside[:, j - 1], held, *half)
+    fine = np.vstack([inside.reshape(-1, path.x.shape[1]), path.x[-1:]])
+    values = sampler(fine, np.vstack([np.repeat(held, 2 * pieces, axis=0), held[-1:]]), half, False)
+    each = (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half.step / 3
+    return each.reshape(path.steps, pieces, *each.shape[1:]).sum(axis=1) if pieces > 1 else each
+
+
+def _one_step(system: AbstractSystem, x: np.ndarray, held: np.ndarray, step: float, substeps: int) -> np.ndarray:
     """Return where each of the states x (N, n) gets to in one step under its own row of inputs."""
     u, w = _apart(system, held[:, None])
-    return states_from(system, x, u, step, w)[:, 1]
+    return states_from(system, x, u, step, w, substeps=substeps)[:, 1]
 
 
 def _apart(system: AbstractSystem, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

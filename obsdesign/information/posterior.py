@@ -22,7 +22,7 @@ from obsdesign.nuisance import Nuisance, nuisance_of
 from obsdesign.packing import packed, packed_values, symmetric
 from obsdesign.prior import Prior
 from obsdesign.scan import Scan
-from obsdesign.simulation import held_along
+from obsdesign.simulation import held_along, substeps_along
 from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
@@ -93,7 +93,7 @@ def _about_lasting(
     """Return rows (N, m, p) about w_k, and (N, m, .) about (b, x_k) and e, with errors z_k = M (b, x_k) + V^1/2 e."""
     nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], held_along(system, path), weights]
     a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
-    scan = _forward(system.model, path.step, disturbance, whole=True)
+    scan = _forward(system.model, path.step, disturbance, substeps_along(system, path), whole=True)
     found = scan.run(posterior_start(prior, nuisance)[None], rows, path.steps, carries=False).results
     shapes = ((size, size), (size, a), (a, a))
     T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(found, shapes, strict=True))
@@ -167,13 +167,13 @@ def posterior_start(prior: Prior, nuisance: Nuisance) -> np.ndarray:
 
 
 @lru_cache(CACHED)
-def _forward(model: Model, step: float, disturbance: Disturbance, whole: bool = False) -> Scan:
+def _forward(model: Model, step: float, disturbance: Disturbance, substeps: int, whole: bool = False) -> Scan:
     """Carry before the samples of t_k, rows x_k, (u, w)_k, active (S,) -> carry before those of t_k+1; result: R after those of t_k.
 
     The carry is (T, rounding): T'T the information, T and R column by column; see `Root`. With errors that last, T is about the
     constant ones and the state, and M and V of the others follow; see `Errors`. whole: all three are results.
     """
-    one, nuisance = step_of(model, step), nuisance_of(model, step)
+    one, nuisance = step_of(model, step, substeps), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
     if not nuisance.size:
@@ -196,7 +196,8 @@ def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: 
     n, nuisance = path.x.shape[1], nuisance_of(system.model, path.step)
     rows = [path.x[:-1], held_along(system, path), weights]
     start = posterior_start(prior, nuisance)[None]
-    run = _forward(system.model, path.step, disturbance).run(start, rows, path.steps, carries=False)
+    scan = _forward(system.model, path.step, disturbance, substeps_along(system, path))
+    run = scan.run(start, rows, path.steps, carries=False)
     size = n + len(nuisance.constant)
     last = run.carry[0, : size**2].reshape(size, size).T
     columns = np.concatenate([run.results[0][0], _about_state(last, n).T.reshape(1, -1)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import as_array, require_divisor, require_positive
+from obsdesign.checks import as_array, require_divisor, require_positive, require_tolerance
 from obsdesign.errors import InputError
 from obsdesign.information.colour import Colour, colour_of
 from obsdesign.information.counting import counting
@@ -22,9 +22,9 @@ from obsdesign.information.sampling import sampled
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.packing import Packing, packing_of
 from obsdesign.scan import Scan
-from obsdesign.simulation import held_along, simulate
+from obsdesign.simulation import held_along, simulate, substeps_along, substeps_needed
 from obsdesign.step import CACHED, sensitivity_along, step_of, steps_per_sample
-from obsdesign.trajectory import Trajectory
+from obsdesign.trajectory import TOLERANCE, Trajectory
 
 _CHUNK = 500  # paths per task: fixed, so that the answer does not depend on the number of workers
 
@@ -83,12 +83,12 @@ class Stepped:
 
 
 @lru_cache(CACHED)
-def stepped(model: Model, step: float, counted: bool = False) -> Stepped:
+def stepped(model: Model, step: float, substeps: int = 1, counted: bool = False) -> Stepped:
     """Return one step with its samples: the blocks of independent errors, or what each sensor adds to the samples before and beside.
 
     counted: amounts from below instead of the latter, of each sensor alone.
     """
-    one, shape = step_of(model, step), sensitivity_along(model, step)
+    one, shape = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
     found = instant_of(model, shape.Phi, any(period > 1 for period in steps_per_sample(model, step)), counted)
     carry, carry_next = ca.vertcat(shape.free, found.carry), ca.vertcat(shape.next, found.carry_next)
     start = np.concatenate([shape.start, found.start])
@@ -96,18 +96,18 @@ def stepped(model: Model, step: float, counted: bool = False) -> Stepped:
 
 
 @lru_cache(CACHED)
-def walk_of(model: Model, step: float) -> Walk:
+def walk_of(model: Model, step: float, substeps: int = 1) -> Walk:
     """Return the walk that simulates as it sums."""
-    one = stepped(model, step)
+    one = stepped(model, step, substeps)
     packing, sums, sums_next = _summed(one)
     scan = Scan(ca.vertcat(one.x, one.carry, sums), [one.u, one.w, *one.taken], ca.vertcat(one.x_next, one.carry_next, sums_next))
     return Walk(scan, one.start, packing, bool(one.taken), colour_of(model))
 
 
 @lru_cache(CACHED)
-def walk_along(model: Model, step: float, counted: bool = False) -> Walk:
+def walk_along(model: Model, step: float, substeps: int = 1, counted: bool = False) -> Walk:
     """The same along given states: (Phi, errors, W), rows x, (u, w) and who samples."""
-    one = stepped(model, step, counted)
+    one = stepped(model, step, substeps, counted)
     packing, sums, sums_next = _summed(one)
     scan = Scan(ca.vertcat(one.carry, sums), [one.x, one.held, *one.taken], ca.vertcat(one.carry_next, sums_next))
     return Walk(scan, one.start, packing, bool(one.taken), colour_of(model))
@@ -129,7 +129,8 @@ def segment_information(system: AbstractSystem, path: Trajectory, segments: int)
     """
     require_fit(system, path)
     require_divisor("segments", segments, "steps", path.steps)
-    walk, length = walk_along(system.model, path.step, counted=colour_of(system.model) is not None), path.steps // segments
+    walk = walk_along(system.model, path.step, substeps_along(system, path), counted=colour_of(system.model) is not None)
+    length = path.steps // segments
     rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step)]
     if walk.colour is not None:
         firsts = np.arange(0, path.steps, length)
@@ -149,7 +150,7 @@ def path_information(system: AbstractSystem, path: Trajectory, weights: np.ndarr
             return segment_information(system, path, 1)[0].sum(axis=0)
         return np.einsum("ks,ksij->ij", weights, segment_information(system, path, len(weights)))
     require_fit(system, path)
-    walk = walk_along(system.model, path.step)
+    walk = walk_along(system.model, path.step, substeps_along(system, path))
     share = None if weights is None else np.repeat(weights, path.steps // len(weights), axis=0)
     rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step, share)]
     return walk.packing.full(np.array(_stretches(walk, system, path, rows, path.steps)))[0].sum(axis=0)
@@ -176,6 +177,7 @@ class _Task:
     dt: float
     w: np.ndarray | None
     first: int
+    tolerance: float = TOLERANCE
 
 
 @validate_arguments
@@ -186,16 +188,20 @@ def batch_information(
     dt: float,
     w: ArrayLike | None = None,
     executor: Executor | None = None,
+    *,
+    tolerance: float = TOLERANCE,
 ) -> np.ndarray:
     """Return W (M, S, n, n), the variational Gramian of each sensor about each of M starts (M, n), every path simulated.
 
     u (N, m) for all or (M, N, m) for each; w (N, p), (M, N, p) or None = 0, unknown inputs. system: one for all, or M systems
     with the same states, inputs and number of sensors, such as one system with other parameters; each that differs is built anew
     (some 20 ms), so a parameter that varies from start to start is better a state that stays constant. executor: any
-    concurrent.futures.Executor of processes; the answer is the same for any number of them.
+    concurrent.futures.Executor of processes; the answer is the same for any number of them. tolerance: relative error of the
+    steps, as in simulate.
     Raises InputError for shapes that do not fit, values that are not finite, and a path through a landmark.
     """
     require_positive("dt", dt)
+    require_tolerance(tolerance)
     points = as_array("starts", starts)
     if points.ndim != 2 or not len(points):
         raise InputError(f"starts has shape {points.shape}: must be (M, n), M > 0")
@@ -207,7 +213,7 @@ def batch_information(
     sensors = {len(each.model.channels) for each in dict.fromkeys(systems)}
     if len(sensors) > 1:
         raise InputError(f"the systems have {' and '.join(map(str, sorted(sensors)))} sensors: all must have the same number")
-    tasks = list(_tasks(systems, points, inputs, dt, unknown))
+    tasks = [replace(task, tolerance=tolerance) for task in _tasks(systems, points, inputs, dt, unknown)]
     found = map(_totals, tasks) if executor is None else executor.map(_totals, tasks)
     return np.concatenate(list(found))
 
@@ -245,21 +251,47 @@ def _require_shapes(system: AbstractSystem, points: np.ndarray, u: np.ndarray, w
 
 
 def _totals(task: _Task) -> np.ndarray:
-    walk, steps = walk_of(task.system.model, task.dt), task.u.shape[-2]
+    counts = _substeps(task)
+    parts = [(rows, _totals_of(task, rows, int(counts[rows[0]]))) for rows in (np.flatnonzero(counts == c) for c in np.unique(counts))]
+    if len(parts) == 1:
+        return parts[0][1]
+    found = np.empty((len(counts), *parts[0][1].shape[1:]))
+    for rows, W in parts:
+        found[rows] = W
+    return found
+
+
+def _totals_of(task: _Task, rows: np.ndarray, substeps: int) -> np.ndarray:
+    """Return W of the paths of these rows."""
+    walk, steps = walk_of(task.system.model, task.dt, substeps), task.u.shape[-2]
     idle = np.zeros(len(task.system.model.unknown_inputs))
-    rows = [task.u, idle if task.w is None else task.w, *walk.taken(task.system, steps, task.dt)]
-    carry = walk.scan.run(walk.first(task.starts), rows, steps, carries=False).carry
+    inputs = [values[rows] if values.ndim == 3 else values for values in (task.u, idle if task.w is None else task.w)]
+    start = walk.first(task.starts[rows])
+    carry = walk.scan.run(start, [*inputs, *walk.taken(task.system, steps, task.dt)], steps, carries=False).carry
     if not np.isfinite(carry).all():
-        _refuse(task, int(np.argwhere(~np.isfinite(carry))[0, 0]))
+        _refuse(task, int(rows[np.argwhere(~np.isfinite(carry))[0, 0]]))
     return walk.sums(carry)
 
 
-def _refuse(task: _Task, row: int) -> None:
-    """Raise what the start of that row is refused for."""
+def _substeps(task: _Task) -> np.ndarray:
+    """Return what each path of a task needs; raise InputError with the first start that needs too many."""
+    try:
+        return substeps_needed(task.system, task.starts, task.u, task.dt, task.w, task.tolerance)
+    except InputError:
+        for row in range(len(task.starts)):
+            _refuse(task, row, only_steps=True)
+        raise
+
+
+def _refuse(task: _Task, row: int, only_steps: bool = False) -> None:
+    """Raise what the start of that row is refused for; only_steps: for what its steps are, or not at all."""
     u = task.u[row] if task.u.ndim == 3 else task.u
     w = task.w[row] if task.w is not None and task.w.ndim == 3 else task.w
     try:
-        variational_gramian(task.system, simulate(task.system, task.starts[row], u, task.dt, w))
+        path = simulate(task.system, task.starts[row], u, task.dt, w, tolerance=task.tolerance)
+        if only_steps:
+            return
+        variational_gramian(task.system, path)
     except InputError as error:
         raise InputError(f"starts[{task.first + row}]: {error}") from None
     raise InputError(f"starts[{task.first + row}]: the information is not finite")

@@ -16,7 +16,7 @@ from obsdesign.information.sampling import sampled_only, with_derivatives
 from obsdesign.information.totals import walk_along
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
-from obsdesign.simulation import held_along
+from obsdesign.simulation import held_along, substeps_along
 from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
 from obsdesign.trajectory import Trajectory
 
@@ -49,7 +49,7 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
 
 def _walked(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
     """The same by a walk along each window."""
-    walk = walk_along(system.model, path.step)
+    walk = walk_along(system.model, path.step, substeps_along(system, path))
     rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step)]
     windows = [np.moveaxis(np.lib.stride_tricks.sliding_window_view(values, window, axis=0), 2, 1) for values in rows]
     start, found = np.concatenate([walk.start, np.zeros(len(walk.packing.rows))]), []
@@ -74,14 +74,14 @@ def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndar
     """Return F (N, n, n) and C'R^-1 C (N, S, n, n) of each sensor, 0 where there is no sample, at each step."""
     n = path.x.shape[1]
     rows = [path.x[:-1], held_along(system, path)]
-    run = _local(system.model, path.step).run(np.empty((1, 0)), rows, path.steps, carries=False)
+    run = _local(system.model, path.step, substeps_along(system, path)).run(np.empty((1, 0)), rows, path.steps, carries=False)
     F, blocks = (values.reshape(path.steps, -1, n, n) for values in run.results)
     return F[:, 0].swapaxes(1, 2), with_derivatives(sampled_only(blocks, system, path.step), system, path)
 
 
 @lru_cache(CACHED)
-def _local(model: Model, step: float) -> Scan:
-    one = step_of(model, step)
+def _local(model: Model, step: float, substeps: int) -> Scan:
+    one = step_of(model, step, substeps)
     blocks = dense_blocks(blocks_of(model, ca.SX.eye(one.x.numel())))
     return Scan(ca.SX(0, 1), [one.x, one.held], ca.SX(0, 1), [ca.vec(ca.densify(one.F)), blocks])
 

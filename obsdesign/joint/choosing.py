@@ -109,7 +109,7 @@ def _on_baseline(question: Question) -> tuple[Trajectory, Schedule]:
     """Return the path that one takes without thinking and the best schedule for it; another where that one meets a landmark."""
     problem = question.problem
     for u in _baselines(problem, question.seed):
-        path = simulate(problem.system, problem.x0, u, problem.step)
+        path = simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
         try:
             question.blocks(path)
         except InputError:

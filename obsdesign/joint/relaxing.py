@@ -52,7 +52,7 @@ def rounded(start: Relaxation) -> Turns | None:
     question = start.question
     with one_thread():
         u = _together(start)
-        path = simulate(question.problem.system, question.problem.x0, u, question.problem.step)
+        path = simulate(question.problem.system, question.problem.x0, u, question.problem.step, tolerance=question.problem.tolerance)
         schedule = question.selected(path)
         if not schedule.status.has_answer:
             return None

@@ -41,6 +41,7 @@ class Time(_Table):
     duration: float = Field(gt=0, description="length of the path [s]")
     step: float = Field(gt=0, description="integration step [s]; samples fall on steps")
     segment: float = Field(gt=0, description="how long a choice of sensors holds [s]")
+    tolerance: float = Field(default=1e-6, gt=0, lt=1, description="relative error that the steps may have; sub-steps are made to meet it")
 
 
 class Manoeuvre(_Table):

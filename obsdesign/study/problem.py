@@ -28,7 +28,7 @@ def given_paths(scenario: Scenario) -> dict[str, Trajectory]:
     paths = {}
     for given in scenario.paths:
         legs = [np.tile([leg.inputs.get(name, 0.0) for name in names], (round(leg.seconds / step), 1)) for leg in given.legs]
-        paths[given.name] = simulate(scenario.system, start_of(scenario), np.vstack(legs), step)
+        paths[given.name] = simulate(scenario.system, start_of(scenario), np.vstack(legs), step, tolerance=scenario.time.tolerance)
     return paths
 
 
@@ -42,6 +42,7 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
         start=path.x[0],
         duration=path.step * path.steps,
         step=path.step,
+        tolerance=path.tolerance,
         path=PiecewiseConstant(1),
         bounds={name: (float(low), float(high)) for name, low, high in reach},
         criterion=scenario.criterion,
@@ -66,6 +67,7 @@ def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
         start=start_of(scenario),
         duration=time.duration if design.shortest is None else (design.shortest, time.duration),
         step=time.step,
+        tolerance=time.tolerance,
         path=design.path,
         bounds=design.bounds,
         rates=design.rates,
