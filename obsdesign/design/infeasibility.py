@@ -20,6 +20,7 @@ from obsdesign.design.starts import shortest_inputs, shortest_time
 # durations and bounds so many times what is asked are tried as a relaxation, from so many starts each
 _LONGER, _WIDER = (1.05, 1.1, 1.2, 1.3, 1.45, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0), (1.2, 1.5, 2.0, 3.0, 4.0)
 _TRIED, _HALVINGS = 8, 8
+_ROUNDING = 1e-6  # share of a budget by which a way must be longer to be called too long
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def why_unreachable(problem: DesignProblem) -> str:
                 f"{constraint}: {way:.4g} m away; at {fastest:.4g} m/s at most it cannot be reached in {time:g} s, not before {first:.4g} s"
             )
         for budget in problem.budgets:
-            if isinstance(budget.cost, PathLength) and way > budget.at_most:
+            if isinstance(budget.cost, PathLength) and way > budget.at_most * (1 + _ROUNDING):
                 return f"{constraint}: {way:.4g} m away, more than the budget of {budget.at_most:g} m of path length"
     return ""
 
@@ -85,8 +86,18 @@ def fastest_ground_speed(problem: DesignProblem) -> float | None:
     states = np.tile(problem.x0, (len(headings), 1))
     if "heading" in names:
         states[:, names.index("heading")] = headings
-    largest = max(float(np.hypot(*velocity(states.T, np.tile(corner[:, None], len(headings))).full()).max()) for corner in corners)
+    every = [velocity(states.T, np.tile(corner[:, None], len(headings))).full() for corner in corners]
+    if not all(_turns_with(headings, each) for each in every):
+        return None
+    largest = max(float(np.hypot(*each).max()) for each in every)
     return largest * (1 + 1e-5)  # between two headings of the grid it may be larger by (half a degree)^2 / 2
+
+
+def _turns_with(headings: np.ndarray, velocity: np.ndarray) -> bool:
+    """Whether a velocity (2, K) is a + b cos(heading) + c sin(heading): then nothing hides between the headings looked at."""
+    waves = np.column_stack([np.ones_like(headings), np.cos(headings), np.sin(headings)])
+    left = velocity.T - waves @ np.linalg.lstsq(waves, velocity.T)[0]
+    return bool(np.abs(left).max() <= 1e-9 * max(float(np.abs(velocity).max()), np.finfo(float).tiny))
 
 
 # ---------------------------------------------------------------- after
