@@ -22,7 +22,8 @@ class Verdict:
     disturbance, known_inputs: the class of unknown and of known inputs for which this holds
     stopped_by: "full" (rank n) | "criterion" (a sweep added nothing) | "cap" (as much as if the unknown
         inputs were known; at a point: as much as nearby)
-        | "bound" (2n + 2 steps were made) | "stalled" (no growth for the orders tried, no proof) | "precision" (the precision limit)
+        | "bound" (2n + 2 steps were made) | "stalled" (no growth for the orders tried, no proof)
+        | "precision" (the precision limit was reached, or it depends on how numbers are read that may be rounded)
     generic: the verdict at generic points nearby, where a point was asked for and the two differ
     decided: False where nothing is claimed beyond the lower bound; proof: what was proven, and how
     """
