@@ -30,6 +30,13 @@ def shadow_lift(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
     return L
 
 
+def inverse(W: np.ndarray) -> np.ndarray:
+    """Return W^-1 of W (n, n) > 0, solved with unit sizes: right to the digits that its eigenvalues allow, whatever the units."""
+    d = np.sqrt(np.where(np.diag(W) > 0, np.diag(W), 1.0))
+    found = np.linalg.inv(W / np.outer(d, d)) / np.outer(d, d)
+    return (found + found.T) / 2
+
+
 def _solved(known: np.ndarray, mixed: np.ndarray) -> np.ndarray:
     """W_bb^+ W_ba, by unit sizes: a state that nothing is known of has no entries in W_ba either."""
     found = spectrum(known)

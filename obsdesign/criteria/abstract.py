@@ -35,6 +35,10 @@ class AbstractCriterion(ABC):
         """Return the number for W >= 0 symmetric; -inf where it does not exist."""
 
     @abstractmethod
+    def of_root(self, R: np.ndarray) -> np.ndarray:
+        """Return the number (...) for each W = (R'R)^-1, R (..., n, n): from a root of the covariance, whatever the states' units."""
+
+    @abstractmethod
     def slope(self, W: np.ndarray) -> np.ndarray:
         """Return Z (n, n), symmetric, with value(W + dW) <= value(W) + <Z, dW>: the gradient where there is one."""
 

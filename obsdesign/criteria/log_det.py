@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obsdesign.criteria._factor import inverse
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.round_off import spectrum
 
@@ -29,8 +30,12 @@ class LogDet(AbstractCriterion):
         found = spectrum(W)
         return -np.inf if found.is_singular else float(np.sum(np.log(found.values)) + 2 * np.sum(np.log(found.d)))
 
+    def of_root(self, R: np.ndarray) -> np.ndarray:
+        size = np.linalg.norm(R, axis=-1)
+        return -2 * (np.linalg.slogdet(R / size[..., None])[1] + np.log(size).sum(axis=-1))
+
     def slope(self, W: np.ndarray) -> np.ndarray:
-        return np.linalg.inv(W)
+        return inverse(W)
 
     @property
     def resolution(self) -> float:
@@ -41,7 +46,7 @@ class LogDet(AbstractCriterion):
         return False
 
     def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
-        scaled = np.linalg.solve(W, D)
+        scaled = inverse(W) @ D
         return np.einsum("iab,jba->ij", scaled, scaled)
 
     def atom(self, W: cp.Expression) -> cp.Expression:

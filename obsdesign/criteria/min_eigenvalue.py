@@ -30,6 +30,9 @@ class MinEigenvalue(AbstractCriterion):
     def value(self, W: np.ndarray) -> float:
         return smallest_eigenvalue(W)
 
+    def of_root(self, R: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(R, ord=2, axis=(-2, -1)) ** -2.0
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         # the mean over the eigenvectors of a repeated eigenvalue: one supergradient, and no matter how they are chosen
         values, vectors = np.linalg.eigh(W)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obsdesign.criteria._factor import inverse
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.round_off import spectrum
 
@@ -29,9 +30,12 @@ class TraceInverse(AbstractCriterion):
         found = spectrum(W)
         return -np.inf if found.is_singular else -float(np.sum((found.V**2 @ (1 / found.values)) / found.d**2))
 
+    def of_root(self, R: np.ndarray) -> np.ndarray:
+        return -np.sum(R**2, axis=(-2, -1))
+
     def slope(self, W: np.ndarray) -> np.ndarray:
-        inverse = np.linalg.inv(W)
-        return inverse @ inverse
+        V = inverse(W)
+        return V @ V
 
     @property
     def resolution(self) -> float:
@@ -43,7 +47,7 @@ class TraceInverse(AbstractCriterion):
 
     def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
         # 2 tr(V D_i V D_j V) with V = W^-1
-        V = np.linalg.inv(W)
+        V = inverse(W)
         return 2 * np.einsum("iab,jba->ij", V @ D @ V, V @ D)
 
     def atom(self, W: cp.Expression) -> cp.Expression:

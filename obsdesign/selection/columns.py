@@ -10,12 +10,14 @@ import numpy as np
 
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.selection.duals import Dual
-from obsdesign.selection.instance import Instance, matrices
+from obsdesign.selection.instance import Instance
+from obsdesign.selection.judge import Judge
 from obsdesign.selection.master import Column, Mixture, column_of, mixed
 
 _ROUNDS = 400  # column generation ends in 5 to 60 rounds for few states, in some hundred for 15
 _IDLE = 12  # rounds after which a column without a share is dropped ...
 _FIRST_ROUNDS = 40
+_STALLED, _NARROWER = 15, 0.9  # rounds within which a gap is expected to fall by so much, where climbs have to end in time
 _SAMPLES = 64  # schedules whose even mixture stands for relaxed choices
 _KEPT = 60  # ... where there are more than so many
 
@@ -36,7 +38,8 @@ class Relaxed:
 def bound_of(instance: Instance, dual: Dual) -> tuple[float, np.ndarray]:
     """UB(dual), and the schedule that is best for it."""
     chosen, worth = instance.schedules.best(*instance.prices(dual))
-    return instance.constant(dual) + worth, chosen
+    above = instance.ground(dual) + worth
+    return above + instance.slack(dual, above), chosen
 
 
 def priced(instance: Instance, dual: Dual) -> tuple[float, Column]:
@@ -61,20 +64,22 @@ def relaxed(
         return None  # some state is unseen by all sensors together: the criterion is -inf throughout
     for dual in begin:
         pool.price(dual)
-    mixture, done = None, 0
-    while done < rounds:
+    mixture, done, narrow, since = None, 0, np.inf, 0
+    while done < rounds and done - since < _STALLED:
         found = mixed(instance, pool.columns, mixture or pool.begin)
         if found is None and mixture is None and pool.inform():
             found = mixed(instance, pool.columns, pool.begin)
         if found is None:
             break
         mixture, done = found, done + 1
-        if done >= _FIRST_ROUNDS and instance.criterion.is_smallest_eigenvalue and mixture.value <= instance.rounding:
+        if done >= _FIRST_ROUNDS and instance.criterion.is_smallest_eigenvalue and mixture.value <= 0:
             break  # nothing is seen of some direction, and no round will change that
         # between the best prices and the newest: the newest alone jump about
         trials = (mixture.dual,) if pool.best is None else (between(pool.best, mixture.dual), mixture.dual)
         if not any(pool.price(dual, mixture) for dual in trials) or closed(mixture.value, pool.bound, gap, instance):
             break
+        if instance.criterion.is_smallest_eigenvalue or pool.bound - mixture.value < _NARROWER * narrow:
+            narrow, since = pool.bound - mixture.value, done
         mixture = pool.pruned(mixture)
     if mixture is None or pool.best is None:
         return None
@@ -83,8 +88,12 @@ def relaxed(
 
 
 def seen_through(instance: Instance) -> Relaxed | None:
-    """Return a mixture of schedules whose smallest eigenvalue is at least half of the largest, whatever switching costs."""
-    calm = replace(instance, criterion=MinEigenvalue(), switching=np.zeros_like(instance.switching))
+    """Return a mixture of schedules whose smallest eigenvalue, each state in its own unit, is at least half of the largest.
+
+    Whatever switching costs.
+    """
+    plain = Judge(MinEigenvalue(), np.ones(instance.n), instance.judge.about)
+    calm = replace(instance, judge=plain, switching=np.zeros_like(instance.switching))
     return relaxed(calm, 0.5, rounds=_FIRST_ROUNDS + 4 * instance.rows.shape[2])
 
 
@@ -105,12 +114,23 @@ def mixture_of(instance: Instance, shares: np.ndarray, dual: Dual) -> Relaxed:
 
 def closed(value: float, bound: float, gap: float, instance: Instance) -> bool:
     """Whether value and bound are one to within `gap`: relative, or absolute for a criterion whose differences count."""
-    return bound - value <= gap * size_of(bound, instance) or (instance.criterion.is_smallest_eigenvalue and bound <= instance.rounding)
+    return bound - value <= gap * size_of(bound, instance)
 
 
 def size_of(bound: float, instance: Instance) -> float:
     """What a gap is a share of."""
     return abs(bound) if instance.criterion.is_relative else 1.0
+
+
+def gap_of(value: float, bound: float, instance: Instance) -> float:
+    """Return the gap as a Schedule states it: 1 - value / bound, (bound - value) / |bound| where that is negative, or bound - value.
+
+    0 where both are the same number, be it 0 or -inf; inf where a bound of 0 is not reached.
+    """
+    if value == bound:
+        return 0.0
+    size = size_of(bound, instance)
+    return (bound - value) / size if size > 0 else float("inf")
 
 
 def between(one: Dual, other: Dual, share: float = 0.5) -> Dual:
@@ -171,7 +191,7 @@ class _Pool:
         if instance.criterion.is_smallest_eigenvalue or not self._whole:
             return False
         first = seen_through(instance)
-        if first is None or first.value <= instance.rounding:
+        if first is None or not np.isfinite(instance.judged(np.tensordot(first.shares, np.stack([each.W for each in first.columns]), 1))):
             return False
         shares = np.concatenate([np.zeros(len(self.columns)), first.shares])
         for column in first.columns:
@@ -193,17 +213,15 @@ def _gains(instance: Instance, mixture: Mixture, column: Column) -> bool:
 
 def _even(instance: Instance) -> tuple[Dual, ...]:
     """No direction dearer than another, in units in which all sensors together know as much of each state; () if there is no tangent."""
-    everything = np.stack([instance.rows[:, s].sum(axis=0) for s in range(instance.shape[1])])
-    total = np.diagonal(matrices(instance.kept @ everything, instance.n), axis1=1, axis2=2)
-    unseen = total <= 0  # a dual that looks at nothing else proves that the information is 0 there
-    weights = unseen.astype(float) if unseen.any() else 1 / total
-    Z = np.stack([np.diag(row) for row in weights])
-    Z /= np.trace(Z.sum(axis=0))
+    total = np.diagonal(instance.everything, axis1=1, axis2=2)
+    nothing = np.zeros(len(instance.resources))
+    weights = np.where(total > 0, 1 / np.where(total > 0, total, 1.0), 0.0)[:, :, None] * np.eye(instance.n)
     if instance.criterion.is_smallest_eigenvalue:
-        return (Dual(Z, np.zeros(len(instance.resources)), 0.0),)
-    if unseen.any():
+        metric = instance.judge.metric
+        judged = weights * (metric > 0)
+        return (Dual(judged / np.sum(np.diagonal(judged, axis1=1, axis2=2) * metric), nothing, 0.0),)
+    if (total[:, instance.judge.about] <= 0).any():
         return ()
-    W = np.stack([np.diag(row) for row in total])
-    slopes = np.stack([instance.criterion.slope(each) for each in W]) / len(W)
-    offset = float(np.mean([instance.criterion.value(each) for each in W])) - float(np.sum(slopes * W))
-    return (Dual(slopes, np.zeros(len(instance.resources)), offset),)
+    tangents = [instance.judge.tangent(np.diag(row)) for row in total]
+    R = len(tangents)
+    return (Dual(np.stack([Z for Z, _ in tangents]) / R, nothing, sum(offset for _, offset in tangents) / R),)

@@ -9,25 +9,42 @@ import numpy as np
 
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.rules.abstract import Resource
+from obsdesign.selection.doubled import Pair
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.feasible import AbstractSchedules
+from obsdesign.selection.judge import Judge
+from obsdesign.selection.precise import exact_sums
+
+_EPS = float(np.finfo(float).eps)
+_NEGLIGIBLE = 1e-11  # of a bound: rounding that is not worth a word
+_AT_A_TIME = 1_000_000  # entries of blocks that are added in twice the digits
 
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """max min_r criterion(sum_ks kept_rs on_ks W_ks) - switching over the schedules that keep every rule.
+    """max min_r criterion(known + sum_ks kept_rs on_ks W_ks) - switching over the schedules that keep every rule.
 
-    rows (K, S, d): blocks as vectors, d = n (n + 1) / 2, off the diagonal times sqrt 2, so that <W, Z> is a product of vectors.
-    kept (R, S): which sensors work in each of the R scenarios of loss; a row of ones where none is lost. switching (S,).
+    In units in which all sensors together know about one of each state, V = D W D with powers of two D: what is small in the user's
+    units is not lost beside what is large. rows (K, S, d): blocks V_ks as vectors, d = n (n + 1) / 2, off the diagonal times sqrt 2,
+    so that <V, Z> is a product of vectors. known (n, n): what is there without a sensor, likewise in these units. kept (R, S): which
+    sensors work in each of the R scenarios of loss; a row of ones where none is lost. switching (S,). given (K, S, n, n): the blocks as
+    the user has them. Values are the user's.
     """
 
     rows: np.ndarray
+    given: np.ndarray
     n: int
-    criterion: AbstractCriterion
+    judge: Judge
     schedules: AbstractSchedules
     resources: tuple[Resource, ...]
     switching: np.ndarray
     kept: np.ndarray
+    known: np.ndarray
+
+    @property
+    def criterion(self) -> AbstractCriterion:
+        """What is maximised."""
+        return self.judge.criterion
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -40,17 +57,25 @@ class Instance:
         return np.array([resource.limit for resource in self.resources])
 
     @cached_property
-    def rounding(self) -> float:
-        """What an eigenvalue of 0 may come out as."""
-        everything = self.information(self.schedules.available)
-        return 4 * self.n * np.finfo(float).eps * float(np.abs(everything).max())
+    def blocks(self) -> np.ndarray:
+        """What a schedule may add up (K S + 1, n, n): V_ks, and what is known last; rows lose a bit off the diagonal."""
+        K, S = self.shape
+        own = self.given.reshape(K * S, self.n, self.n) * self.judge.D[:, None] * self.judge.D
+        return np.concatenate([own, self.known[None]])
+
+    @cached_property
+    def everything(self) -> np.ndarray:
+        """V (R, n, n) of all sensors that are ever available: more than any schedule has."""
+        return self.information(self.schedules.available)
 
     def information(self, chosen: np.ndarray) -> np.ndarray:
-        """W (R, n, n) in each scenario of loss."""
+        """V (R, n, n) in each scenario of loss."""
         if len(self.kept) == 1:  # in one piece, which is faster
-            return matrices((chosen * self.kept[0]).ravel() @ self.rows.reshape(chosen.size, -1), self.n)[None]
-        by_sensor = np.stack([chosen[:, s].astype(float) @ self.rows[:, s] for s in range(self.shape[1])])
-        return matrices(self.kept @ by_sensor, self.n)
+            found = matrices((chosen * self.kept[0]).ravel() @ self.rows.reshape(chosen.size, -1), self.n)[None]
+        else:
+            by_sensor = np.stack([chosen[:, s].astype(float) @ self.rows[:, s] for s in range(self.shape[1])])
+            found = matrices(self.kept @ by_sensor, self.n)
+        return found + self.known
 
     def usage(self, chosen: np.ndarray) -> np.ndarray:
         """How much of every resource a schedule takes."""
@@ -63,11 +88,45 @@ class Instance:
 
     def value(self, chosen: np.ndarray) -> float:
         """What a schedule is worth."""
-        return self.judged(self.information(chosen)) - self.penalty(chosen)
+        return float(self.values(chosen[None], self.information(chosen)[None])[0]) - self.penalty(chosen)
 
-    def judged(self, W: np.ndarray) -> float:
-        """min_r criterion(W_r)."""
-        return min(self.criterion.value(each) for each in W)
+    def values(self, chosen: np.ndarray, V: np.ndarray) -> np.ndarray:
+        """min_r criterion of schedules (N, K, S) with information V (N, R, n, n): a direction that no block sees counts as hidden.
+
+        Where double precision does not tell, the blocks are added in twice the digits.
+        """
+        found = np.empty(V.shape[:2])
+        for r, kept in enumerate(self.kept):
+            found[:, r], sure = self.judge.quick(V[:, r])
+            for part in _parts(np.flatnonzero(~sure), _AT_A_TIME // self.blocks[..., 0].size) if not sure.all() else ():
+                on = (chosen[part] * kept).reshape(len(part), -1) > 0
+                on = np.column_stack([on, np.ones(len(part), dtype=bool)])
+                found[part, r] = self.judge.refined(self._exactly(on), self.blocks, on)
+        return found.min(axis=1)
+
+    def hidden(self, chosen: np.ndarray) -> np.ndarray:
+        """Return directions of the state (R, n), in the user's units, that a schedule does not see in each scenario of loss; 0: none."""
+        V, found = self.information(chosen), np.zeros((len(self.kept), self.n))
+        for r, kept in enumerate(self.kept):
+            (value,), (sure,) = self.judge.quick(V[r : r + 1])
+            if not sure or value == self.judge.nothing:
+                on = np.append((chosen * kept).ravel() > 0, True)[None]
+                unseen = self.judge.hidden(self._exactly(on), self.blocks, on)
+                if unseen.size:
+                    found[r] = self.judge.D * unseen[:, 0]
+        return found
+
+    def _exactly(self, on: np.ndarray) -> Pair:
+        rows, columns = np.tril_indices(self.n)
+        sums = exact_sums(self.blocks[:, rows, columns], on)
+        found = np.zeros((self.n, self.n, len(on))), np.zeros((self.n, self.n, len(on)))
+        for part, total in zip(found, sums, strict=True):
+            part[rows, columns] = part[columns, rows] = total.T
+        return found
+
+    def judged(self, V: np.ndarray) -> float:
+        """min_r criterion(V_r) of mixtures V (R, n, n)."""
+        return float(self.judge.values(V).min())
 
     def keeps_limits(self, chosen: np.ndarray) -> bool:
         """Whether no resource is exceeded, but for rounding."""
@@ -90,8 +149,30 @@ class Instance:
         return price, start
 
     def constant(self, dual: Dual) -> float:
-        """What a bound has beside the best schedule's worth."""
+        """What a bound has beside what is added up: what is known, and the worth of the best schedule."""
         return dual.offset + float(dual.mu @ self.limits)
+
+    def ground(self, dual: Dual) -> float:
+        """What a bound has beside the worth of the best schedule."""
+        return self.constant(dual) + float(np.sum(dual.Z * self.known))
+
+    def slack(self, dual: Dual, level: float) -> float:
+        """What rounding may take off a bound near a level: 4 eps sum_r sum_ij sqrt(V_ii V_jj) |Z_ij|, V of all sensors; 0 if negligible."""
+        sizes = np.sqrt(np.maximum(np.diagonal(self.everything, axis1=1, axis2=2), 0.0))
+        found = 4 * _EPS * float(np.einsum("ri,rij,rj->", sizes, np.abs(dual.Z), sizes))
+        return found if found > _NEGLIGIBLE * abs(level) else 0.0
+
+    def theirs(self, Z: np.ndarray) -> np.ndarray:
+        """Return a dual Z (R, n, n) in the user's units, <V, Z> = <W, theirs(Z)>."""
+        return Z * self.judge.D[:, None] * self.judge.D
+
+    def ours(self, Z: np.ndarray) -> np.ndarray:
+        """Return a dual in the user's units (R, n, n) as one in the units of this problem."""
+        return Z / self.judge.D[:, None] / self.judge.D
+
+
+def _parts(indices: np.ndarray, most: int) -> list[np.ndarray]:
+    return np.array_split(indices, -(-len(indices) // max(most, 1)))
 
 
 def started(chosen: np.ndarray) -> np.ndarray:

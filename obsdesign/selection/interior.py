@@ -17,6 +17,7 @@ _CENTRED = 0.5  # Newton decrement, in units of mu, at which the barrier shrinks
 _ROOTS = 60
 _BACK, _HALVINGS = 0.6, 40
 _RIDGE = 1e-13
+_LEAST = 1e-12  # ratio of what the states count, below which the barrier does not see them
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +30,9 @@ class Centre:
 
 def serves(instance: Instance) -> bool:
     """Whether the relaxation is one that this method knows: a smallest eigenvalue, and limits per segment alone."""
-    plain = isinstance(instance.schedules, Top) and not instance.resources and len(instance.kept) == 1
-    return plain and instance.criterion.is_smallest_eigenvalue
+    plain = isinstance(instance.schedules, Top) and not instance.resources and len(instance.kept) == 1 and not instance.known.any()
+    metric = instance.judge.metric
+    return plain and instance.criterion.is_smallest_eigenvalue and float(metric.min()) > _LEAST * float(metric.max())
 
 
 def centred(instance: Instance, gap: float) -> Centre:
@@ -57,14 +59,14 @@ def centred(instance: Instance, gap: float) -> Centre:
             point = _at(problem, Z, mu)
             continue
         Z, point = _searched(problem, Z, mu, point, direction, decrement)
-    D = np.diag(problem.D)
-    user = D @ Z @ D
-    return Centre(np.clip(point.s, 0.0, 1.0), Dual((user / np.trace(user))[None], np.zeros(0), 0.0))
+    own = Z * np.outer(problem.D, problem.D)
+    total = float(np.diag(own) @ instance.judge.metric)
+    return Centre(np.clip(point.s, 0.0, 1.0), Dual((own / total)[None], np.zeros(0), 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Blocks as vectors (K, S, d) in units D in which all sensors know one of each state; the trace of Z is <E, Z> there."""
+    """Blocks as vectors (K, S, d) in units D in which all sensors know one of each state; <E, Z> counts there."""
 
     rows: np.ndarray
     D: np.ndarray
@@ -90,10 +92,11 @@ class _Point:
 def _problem_of(instance: Instance) -> _Problem:
     schedules = instance.schedules
     assert isinstance(schedules, Top)
-    everything = np.diagonal(instance.information(schedules.available)[0])
+    everything = np.diagonal(instance.everything[0])
     D = 1 / np.sqrt(np.where(everything > 0, everything, 1.0))
     rows = instance.rows * vectors(np.outer(D, D) * (1 + (1 / np.sqrt(2) - 1) * (1 - np.eye(instance.n))))
-    E = np.diag(D**2) / (D**2).max()
+    metric = instance.judge.metric * D**2
+    E = np.diag(metric) / metric.max()
     return _Problem(np.ascontiguousarray(rows), D, E, schedules.available, schedules.per_segment)
 
 

@@ -14,7 +14,8 @@ from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.selection.posing import posed
 from obsdesign.selection.schedule import Schedule, require_blocks
-from obsdesign.selection.selecting import Wanted, chosen_for, without_sensors
+from obsdesign.selection.searching import Wanted
+from obsdesign.selection.selecting import chosen_for, without_sensors
 
 _FRONTS = 60  # of the branch and bound for each sensor: a second or so
 
@@ -41,6 +42,8 @@ def sensor_losses(
     rules: Sequence[AbstractRule] = (),
     criterion: AbstractCriterion | None = None,
     segments: Segments | None = None,
+    known: ArrayLike | None = None,
+    about: Sequence[int] | None = None,
     gap: float = 1e-4,
 ) -> tuple[Loss, ...]:
     """Return for each sensor what losing it costs the schedule, and what is left when the others are chosen anew.
@@ -48,7 +51,7 @@ def sensor_losses(
     The arguments are those of select_sensors. kept <= rechosen <= bound, but for rounding and rules that the lost sensor was part of.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
-    instance = posed(array, per_segment, tuple(rules), criterion or MinEigenvalue(), 0, segments)
+    instance = posed(array, per_segment, tuple(rules), criterion or MinEigenvalue(), 0, segments, known=known, about=about)
     found = []
     for sensor in range(array.shape[1]):
         rest = without_sensors(instance, (sensor,))

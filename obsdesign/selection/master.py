@@ -55,15 +55,17 @@ def mixed(instance: Instance, columns: list[Column], before: Mixture | None) -> 
 
 
 def _largest_eigenvalue(instance: Instance, columns: list[Column]) -> Mixture | None:
-    """max t - penalty'a over W_r(a) - t I >= 0, usage'a <= limits, sum a = 1, a >= 0.
+    """max t - penalty'a over known + V_r(a) - t diag(metric) >= 0, usage'a <= limits, sum a = 1, a >= 0.
 
-    Solved as D W D - t D^2 >= 0 with D = diag(W of all columns)^-1/2: the same problem, well conditioned.
+    Solved with unit diagonals of all columns together and t in units of 1 / max metric: the same problem, well conditioned. The columns
+    contain what is known, so it is in every mixture.
     """
     J, R, n, m = len(columns), len(instance.kept), instance.n, len(instance.resources)
     W = np.stack([column.W for column in columns])
-    D, unit = _scales(W)
+    D = _scales(W)
+    unit, metric = _metric(instance, D)
     scaled = W * np.outer(D, D)
-    cone = np.vstack([np.hstack([-clarabel_vectors(scaled[:, r]).T, unit * clarabel_vectors(np.diag(D**2))[:, None]]) for r in range(R)])
+    cone = np.vstack([np.hstack([-clarabel_vectors(scaled[:, r]).T, clarabel_vectors(np.diag(metric))[:, None]]) for r in range(R)])
     usage = np.stack([column.usage for column in columns]).T if m else np.zeros((0, J))
     size = np.maximum(instance.limits, 1e-9 + np.abs(usage).max(axis=1, initial=0.0)) if m else np.zeros(0)
     rows = np.vstack([np.hstack([np.ones((1, J)), np.zeros((1, 1))]), np.hstack([-np.eye(J), np.zeros((J, 1))])])
@@ -76,8 +78,8 @@ def _largest_eigenvalue(instance: Instance, columns: list[Column]) -> Mixture | 
         return None
     x, z = found
     size_of_Z = n * (n + 1) // 2
-    Z = np.stack([clarabel_matrix(z[1 + J + m + r * size_of_Z :][:size_of_Z], n) for r in range(R)]) * np.outer(D, D)
-    Z = normalised(Z)
+    Z = np.stack([clarabel_matrix(z[1 + J + m + r * size_of_Z :][:size_of_Z], n) for r in range(R)])
+    Z = normalised(Z, metric) * np.outer(D, D) * unit
     mu = np.maximum(z[1 + J : 1 + J + m], 0.0) / size * unit if m else np.zeros(0)
     shares = np.maximum(x[:J], 0.0)
     shares /= shares.sum()
@@ -85,20 +87,26 @@ def _largest_eigenvalue(instance: Instance, columns: list[Column]) -> Mixture | 
     return Mixture(shares, float(value), Dual(Z, mu, 0.0), np.ones(R) / R)
 
 
-def _scales(W: np.ndarray) -> tuple[np.ndarray, float]:
+def _scales(W: np.ndarray) -> np.ndarray:
     total = np.diagonal(W.sum(axis=(0, 1)))
-    D = 1 / np.sqrt(np.where(total > 0, total, 1.0)) * np.sqrt(len(W) * W.shape[1])
-    return D, 1 / max(float((D**2).max()), np.finfo(float).tiny)  # t is measured in this unit
+    return 1 / np.sqrt(np.where(total > 0, total, 1.0)) * np.sqrt(len(W) * W.shape[1])
 
 
-def normalised(Z: np.ndarray) -> np.ndarray:
-    """The nearest Z_r >= 0 whose traces sum to 1: what makes a bound of it whatever the solver returned."""
+def _metric(instance: Instance, D: np.ndarray) -> tuple[float, np.ndarray]:
+    """The unit of t, and what of each state counts in it (n,): at most 1 in units D."""
+    metric = instance.judge.metric * D**2
+    return 1 / float(metric.max()), metric / metric.max()
+
+
+def normalised(Z: np.ndarray, metric: np.ndarray) -> np.ndarray:
+    """The nearest Z_r >= 0 with sum <diag(metric), Z_r> = 1: what makes a bound of it whatever the solver returned."""
     values, vectors = np.linalg.eigh((Z + Z.swapaxes(1, 2)) / 2)
-    values = np.maximum(values, 0.0)
-    total = float(values.sum())
+    positive = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.swapaxes(1, 2)
+    total = float(np.sum(np.diagonal(positive, axis1=1, axis2=2) * metric))
     if not total > 0:
-        values, total = np.ones_like(values), float(values.size)
-    return (vectors * (values / total)[:, None, :]) @ vectors.swapaxes(1, 2)
+        positive = np.broadcast_to(np.diag((metric > 0).astype(float)), Z.shape)
+        total = len(Z) * float(metric.sum())
+    return positive / total
 
 
 def solved(

@@ -20,7 +20,8 @@ from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
 from obsdesign.selection.posing import posed
 from obsdesign.selection.schedule import Schedule, require_blocks
-from obsdesign.selection.selecting import Wanted, chosen_for
+from obsdesign.selection.searching import Wanted
+from obsdesign.selection.selecting import chosen_for
 
 _FRONTS = 60  # of the branch and bound for each limit: a second or so
 _ENDLESS = 1e30  # a budget that nothing exceeds
@@ -56,6 +57,8 @@ def pareto(
     rules: Sequence[AbstractRule] = (),
     criterion: AbstractCriterion | None = None,
     segments: Segments | None = None,
+    known: ArrayLike | None = None,
+    about: Sequence[int] | None = None,
     gap: float = 1e-4,
     seed: int = 0,
 ) -> Pareto:
@@ -72,7 +75,7 @@ def pareto(
 
     def limited(limit: float) -> Instance:
         rules_then = (replace(budget, limit=limit), *rules)
-        return posed(array, per_segment, rules_then, criterion or MinEigenvalue(), 0, segments)
+        return posed(array, per_segment, rules_then, criterion or MinEigenvalue(), 0, segments, known=known, about=about)
 
     unlimited = limited(_ENDLESS)
     top = float(unlimited.usage(chosen_for(unlimited, tuple(rules), wanted, throw=True).chosen)[0])
@@ -106,7 +109,7 @@ def _at(limited: Callable[[float], Instance], limit: float, wanted: Wanted, befo
         return None
     if not (schedule.status.has_answer and schedule.chosen.any()):
         return None
-    dual = Dual(schedule.dual[None], schedule.prices, schedule.offset)
+    dual = Dual(instance.ours(schedule.dual[None]), schedule.prices, schedule.offset)
     spent = float(instance.usage(schedule.chosen)[0])
     return _Point(limit, spent, schedule, dual, bound_of(instance, dual)[0] - float(dual.mu[0]) * limit)
 

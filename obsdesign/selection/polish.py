@@ -102,17 +102,24 @@ def _promising(instance: Instance, model: _Model, segments: np.ndarray, usage: n
 
 
 def _model(instance: Instance, W: np.ndarray, D: np.ndarray, tau: float) -> _Model:
-    """The potential about W (R, n, n) along D (N, R, n, n)."""
+    """The potential about V (R, n, n) along D (N, R, n, n)."""
     if instance.criterion.is_smallest_eigenvalue:
-        return _soft_model(W, D, tau)
-    worst = int(np.argmin([instance.criterion.value(each) for each in W]))
-    if not np.isfinite(instance.criterion.value(W[worst])):
+        return _soft_model(*_lifted(instance, W, D), tau)
+    values = instance.judge.values(W)
+    worst = int(values.argmin())
+    if not np.isfinite(values[worst]):
         size = float(np.trace(W[worst])) + float(np.abs(D).max())
         return _soft_model(W, D, 1e-3 * max(size, np.finfo(float).tiny))
-    g = np.sum(D[:, worst] * instance.criterion.slope(W[worst]), axis=(1, 2))
-    H = instance.criterion.curvature(W[worst], D[:, worst])
+    g = np.sum(D[:, worst] * instance.judge.tangent(W[worst])[0], axis=(1, 2))
+    H = instance.judge.curvature(W[worst], matrices(np.eye(instance.rows.shape[2]), instance.n))
     values, turned = np.linalg.eigh((H + H.T) / 2)
-    return _Model(g, turned * np.sqrt(np.maximum(values, 0.0)))
+    return _Model(g, vectors(D[:, worst]) @ (turned * np.sqrt(np.maximum(values, 0.0))))
+
+
+def _lifted(instance: Instance, V: np.ndarray, D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What V (R, n, n) and changes of it (N, R, n, n) say about the judged states, to first order, in units of a search."""
+    lifts = np.stack([instance.judge.lift(each) for each in V]) * instance.judge.stiff
+    return instance.judge.softened(V), lifts.swapaxes(1, 2) @ D @ lifts
 
 
 def _soft_model(W: np.ndarray, D: np.ndarray, tau: float) -> _Model:
@@ -129,7 +136,7 @@ def _soft_model(W: np.ndarray, D: np.ndarray, tau: float) -> _Model:
 
 
 def _potential(instance: Instance, W: np.ndarray, tau: float) -> np.ndarray:
-    """What is climbed on, for W (., R, n, n)."""
+    """What is climbed on, for V (., R, n, n)."""
     if instance.criterion.is_smallest_eigenvalue:
-        return Soft.values(np.linalg.eigvalsh(W).reshape(len(W), -1), tau)
-    return np.array([instance.judged(each) for each in W])
+        return Soft.values(np.linalg.eigvalsh(instance.judge.softened(W)).reshape(len(W), -1), tau)
+    return instance.judge.values(W.reshape(-1, *W.shape[2:])).reshape(W.shape[:2]).min(axis=1)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from math import comb
+from numbers import Integral
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from obsdesign.checks import require_count
 from obsdesign.criteria.abstract import AbstractCriterion
@@ -14,9 +17,12 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 from obsdesign.selection.chain import Chain
 from obsdesign.selection.groups import Groups
 from obsdesign.selection.instance import Instance, vectors
+from obsdesign.selection.judge import Judge
+from obsdesign.selection.schedule import require_blocks
 from obsdesign.selection.top import Top
 
 _MOST_PATTERNS = 50_000
+_MOST_HALVINGS = 500  # beyond that D^2 would overflow
 
 
 def posed(
@@ -26,17 +32,21 @@ def posed(
     criterion: AbstractCriterion,
     robust_to: int,
     segments: Segments | None,
+    *,
+    known: ArrayLike | None = None,
+    about: Sequence[int] | None = None,
 ) -> Instance:
     """Return the problem of checked blocks (K, S, n, n), or raise InputError for rules that leave no choice."""
     K, S, n, _ = blocks.shape
-    known = segments or Segments(tuple(f"sensor {s}" for s in range(S)), K)
-    if (known.count, len(known.names)) != (K, S):
-        raise InputError(f"segments has {known.count} segments of {len(known.names)} sensors: the blocks have {K} of {S}")
+    there = segments or Segments(tuple(f"sensor {s}" for s in range(S)), K)
+    if (there.count, len(there.names)) != (K, S):
+        raise InputError(f"segments has {there.count} segments of {len(there.names)} sensors: the blocks have {K} of {S}")
+    base, judged = require_known_information(known, n), require_about(about, n)
     if criterion.knowledge is not None:
         raise InputError(f"criterion is {type(criterion).__name__}: its information is no sum over sensors, so no schedule is best for it")
     require_count("robust_to", robust_to, least=0, most=S - 1)
-    terms = [rule.terms(known) for rule in rules]
-    schedules = _schedules(terms, rules, per_segment, known)
+    terms = [rule.terms(there) for rule in rules]
+    schedules = _schedules(terms, rules, per_segment, there)
     resources = tuple(each.resource for each in terms if each.resource is not None)
     _require_room(terms, rules, schedules.available)
     switching = np.sum([np.zeros(S), *(each.switching for each in terms if each.switching is not None)], axis=0)
@@ -44,7 +54,40 @@ def posed(
     kept = np.ones((len(lost), S))
     for row, each in zip(kept, lost, strict=True):
         row[list(each)] = 0.0
-    return Instance(np.ascontiguousarray(vectors(blocks)), n, criterion, schedules, resources, switching, kept)
+    D = _units(blocks, schedules.available, base)
+    scale = D[:, None] * D
+    rows = vectors(blocks)
+    rows *= scale[np.tril_indices(n)]
+    judge = Judge(criterion, D, judged)
+    return Instance(np.ascontiguousarray(rows), blocks, n, judge, schedules, resources, switching, kept, base * scale)
+
+
+def _units(blocks: np.ndarray, available: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Powers of two D (n,) with D_i^2 (known + all blocks)_ii about 1, so that scaling by them rounds nothing; 1 for what is unseen."""
+    total = np.diag(known) + np.einsum("ks,ksi->i", available, np.diagonal(blocks, axis1=2, axis2=3))
+    halves = np.round(np.log2(np.where(total > 0, total, 1.0)) / 2)
+    return np.exp2(-np.clip(halves, -_MOST_HALVINGS, _MOST_HALVINGS))
+
+
+def require_about(about: Sequence[int] | None, n: int) -> np.ndarray:
+    """Return the indices of the judged states (k,), ascending, None = all of them, or raise InputError."""
+    if about is None:
+        return np.arange(n)
+    given = (about,) if isinstance(about, str) or not isinstance(about, Iterable) else tuple(about)
+    whole = all(isinstance(each, Integral) and not isinstance(each, bool) and 0 <= int(each) < n for each in given)
+    if not given or not whole or len(set(given)) < len(given):
+        raise InputError(f"about is {about!r}: must be different indices of states, whole numbers from 0 to {n - 1}")
+    return np.sort(np.array(given, dtype=int))
+
+
+def require_known_information(known: ArrayLike | None, n: int) -> np.ndarray:
+    """Return what is known already (n, n), None = nothing, or raise InputError for what is no information matrix."""
+    if known is None:
+        return np.zeros((n, n))
+    given = np.asarray(known, dtype=float)
+    if given.shape != (n, n):
+        raise InputError(f"known has shape {given.shape}: must be ({n}, {n}), as the blocks")
+    return require_blocks(given[None, None], 1, "known")[0, 0]
 
 
 def _schedules(terms: list[Terms], rules: tuple[AbstractRule, ...], per_segment: int, known: Segments) -> Top | Groups | Chain:

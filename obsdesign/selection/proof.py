@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +75,7 @@ def explored(
     the caller decides anew what is decided.
     """
     chosen, value = incumbent
-    if any(not len(layer.source) for layer in walks.layers) or not _within(instance, walks.base[None])[0]:
+    if any(not len(layer.source) for layer in walks.layers) or not within_limits(instance, walks.base[None])[0]:
         return Explored(chosen, value, bar(value, gap, instance), 0, 0, True)  # what is decided leaves no schedule at all
     state = np.array([walks.first])
     stack = [_Front(walks, (), state, walks.base[None], np.zeros((1, 0), np.int32), np.array([np.inf]), tuple(duals[-_PRICES:]), 1.0)]
@@ -108,6 +108,11 @@ def explored(
 def bar(value: float, gap: float, instance: Instance) -> float:
     """What a bound has to be above to be worth a look: half of the gap is left for rounding."""
     return value + 0.5 * gap * size_of(value, instance) if np.isfinite(value) else value
+
+
+def constants_of(instance: Instance, duals: Sequence[Dual], level: float) -> np.ndarray:
+    """Return what the bounds of duals (J,) have beside what is added up, with what rounding may hide where it counts at a level."""
+    return np.array([instance.constant(dual) + instance.slack(dual, level) for dual in duals])
 
 
 def _priced(instance: Instance, front: _Front) -> tuple[_Front, np.ndarray | None]:
@@ -151,7 +156,7 @@ def _influence(instance: Instance, left: Walks, found: Relaxed) -> np.ndarray:
 def _grown(instance: Instance, front: _Front, influence: np.ndarray | None, least: float) -> tuple[list[_Front], int]:
     """Take every partial schedule one step further, in each way that its bound allows: new fronts, the best one last; and how many."""
     Y = np.stack([price_vector(dual) for dual in front.duals], axis=1)
-    constants = np.array([instance.constant(dual) for dual in front.duals])
+    constants = constants_of(instance, front.duals, least)
     bound = np.minimum(front.bound, (front.sums @ Y + front.left.ahead(front.duals, Y)[front.state] + constants).min(axis=1))
     whole = len(front.bound)
     front = front.only(bound > least)
@@ -163,7 +168,7 @@ def _grown(instance: Instance, front: _Front, influence: np.ndarray | None, leas
     step = np.arange(len(parent)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(layer.begin[front.state], counts)
     sums, state = front.sums[parent] + layer.adds[step], layer.target[step]
     bound = np.minimum(bound[parent], (sums @ Y + rest.ahead(front.duals, Y)[state] + constants).min(axis=1))
-    keep = (bound > least) & _within(instance, sums)
+    keep = (bound > least) & within_limits(instance, sums)
     share = (front.share / whole / np.maximum(counts, 1)[parent])[keep]
     parent, step, sums, state, bound = parent[keep], step[keep], sums[keep], state[keep], bound[keep]
     order = np.argsort(bound, kind="stable")
@@ -184,7 +189,7 @@ def _branch(left: Walks, Y: np.ndarray, influence: np.ndarray | None) -> int:
     return int(np.argmax([np.ptp(layer.adds @ Y, axis=0).max() for layer in left.layers]))
 
 
-def _within(instance: Instance, sums: np.ndarray) -> np.ndarray:
+def within_limits(instance: Instance, sums: np.ndarray) -> np.ndarray:
     """Whether no resource is exceeded yet, but for rounding."""
     m = len(instance.resources)
     if not m:
@@ -194,13 +199,15 @@ def _within(instance: Instance, sums: np.ndarray) -> np.ndarray:
 
 def _best_of(instance: Instance, walks: Walks, front: _Front) -> tuple[np.ndarray, float]:
     """The best of whole schedules, recomputed from its sensors."""
-    W = information_in(instance, front.sums)
-    if instance.criterion.is_smallest_eigenvalue:
-        values = np.linalg.eigvalsh(W)[..., 0].min(axis=1)
-    else:
-        values = np.array([instance.judged(each) for each in W])
-    best = int((values - front.sums[:, -1]).argmax())
-    chosen = walks.chosen.copy()
-    for layer, step in zip(front.taken, front.steps[best], strict=True):
-        chosen[layer.segment] = layer.patterns[step]
-    return chosen, instance.value(chosen)
+    chosen = schedules_of(walks, front.taken, front.steps)
+    values = instance.values(chosen, information_in(instance, front.sums)) - front.sums[:, -1]
+    best = int(values.argmax())
+    return chosen[best], instance.value(chosen[best])
+
+
+def schedules_of(walks: Walks, taken: tuple[Layer, ...], steps: np.ndarray) -> np.ndarray:
+    """Return the schedules (F, K, S) of steps (F, taken) in the layers taken."""
+    chosen = np.repeat(walks.chosen[None], len(steps), axis=0)
+    for layer, step in zip(taken, steps.T, strict=True):
+        chosen[:, layer.segment] = layer.patterns[step]
+    return chosen

@@ -43,9 +43,9 @@ class Undecided:
 def purified(instance: Instance, found: Relaxed) -> Undecided:
     """Return a relaxed schedule with the information of the mixture and as few undecided segments as a vertex has.
 
-    The shares of patterns per segment with sum_k sum_p share_kp W_kp = W + t I and t largest are a linear program with R d equations
-    beside sum_p share_kp = 1: a basic solution has at most R d - 1 undecided segments, plus one for every resource. For schedules of
-    linked segments: the mixture as it is.
+    The shares of patterns per segment with sum_k sum_p share_kp V_kp = V + t diag(metric) and t largest are a linear program with R d
+    equations beside sum_p share_kp = 1: a basic solution has at most R d - 1 undecided segments, plus one for every resource. For
+    schedules of linked segments: the mixture as it is.
     """
     used = [(column, share) for column, share in zip(found.columns, found.shares, strict=True) if share > _SHARE]
     picks = np.stack([column.chosen for column, _ in used])
@@ -111,13 +111,15 @@ def _vertex(instance: Instance, mixture: Undecided) -> Undecided:
     shares = np.concatenate(mixture.shares)
     counts = [len(layer.adds) for layer in mixture.layers]
     n, R = instance.n, len(instance.kept)
-    size = np.maximum(np.abs(adds).max(axis=0), np.finfo(float).tiny)
+    size = np.abs(adds).max(axis=0)
+    size = np.where(size > 0, size, 1.0)
     m = len(instance.resources)
-    unit = np.concatenate([np.tile(vectors(np.eye(n)), R), np.zeros(m)])
+    metric = instance.judge.metric if instance.criterion.is_smallest_eigenvalue else np.ones(n)
+    unit = np.concatenate([np.tile(vectors(np.diag(metric / metric.max())), R), np.zeros(m)])
     sums = sparse.csr_matrix((np.ones(len(adds)), (np.repeat(np.arange(len(counts)), counts), np.arange(len(adds)))))
     rows = sparse.vstack(
         [
-            sparse.csr_matrix(np.column_stack([(adds / size).T, -unit / size * size[0]])),
+            sparse.csr_matrix(np.column_stack([(adds / size).T, -unit / size])),
             sparse.hstack([sums, sparse.csr_matrix((len(counts), 1))]),
         ]
     )

@@ -11,6 +11,8 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.status import Status
 
+_FORGIVEN = 1e-9  # of its largest entry: what rounding may do to the symmetry and the eigenvalues of a block
+
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
@@ -68,33 +70,43 @@ def upper_bound(blocks: np.ndarray, Z: np.ndarray, per_segment: int = 1) -> floa
     return float(largest.sum())
 
 
-def require_blocks(blocks: np.ndarray, per_segment: int) -> np.ndarray:
+def require_blocks(blocks: np.ndarray, per_segment: int, name: str = "blocks") -> np.ndarray:
     """Return blocks as a symmetric float array (K, S, n, n) or raise InputError saying which block is wrong and by how much."""
     array = np.array(blocks, dtype=float)
     if array.ndim != 4 or array.shape[2] != array.shape[3] or 0 in array.shape:
-        raise InputError(f"blocks has shape {array.shape}: must be (K, S, n, n)")
+        raise InputError(f"{name} has shape {array.shape}: must be (K, S, n, n)")
     require_count("per_segment", per_segment, least=1, most=array.shape[1])
     if not np.isfinite(array).all():
-        k, s = np.argwhere(~np.isfinite(array))[0][:2]
-        raise InputError(f"blocks[{k}, {s}] is not finite")
+        k, s, i, j = (int(each) for each in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{_called(name, k, s)} is not finite: its entry [{i}, {j}] is {array[k, s, i, j]}")
     size = np.maximum(array.max(axis=(2, 3)), -array.min(axis=(2, 3)))
     turned = array.swapaxes(2, 3)
     symmetric = array
     if not np.array_equal(array, turned):
         skew = np.abs(array - turned).max(axis=(2, 3))
-        _refuse(skew, skew, size, "symmetric: it differs from its transpose by")
-        symmetric = (array + turned) / 2
+        _refuse(name, skew, skew, size, "symmetric: it differs from its transpose by")
+        symmetric = array / 2 + turned / 2
     try:  # a factor takes a fifth of the time of eigenvalues, which only a message needs
-        allowed = 1e-9 * np.maximum(size, np.finfo(float).tiny)
+        allowed = _FORGIVEN * np.maximum(size, np.finfo(float).tiny)
         np.linalg.cholesky(symmetric + allowed[:, :, None, None] * np.eye(array.shape[2]))
     except np.linalg.LinAlgError:
         lowest = np.linalg.eigvalsh(symmetric)[..., 0]
-        _refuse(-lowest, lowest, size, "positive semidefinite: its eigenvalue is")
-    return symmetric
+        _refuse(name, -lowest, lowest, size, "positive semidefinite: its eigenvalue is")
+    return _seen_alone(symmetric)
 
 
-def _refuse(excess: np.ndarray, shown: np.ndarray, size: np.ndarray, what: str) -> None:
-    wrong = excess > 1e-9 * np.maximum(size, np.finfo(float).tiny)
+def _seen_alone(blocks: np.ndarray) -> np.ndarray:
+    """Blocks without the entries of states that they have no information about: what is there are rounding errors."""
+    unseen = np.diagonal(blocks, axis1=2, axis2=3) <= 0
+    return np.where(unseen[:, :, :, None] | unseen[:, :, None, :], 0.0, blocks) if unseen.any() else blocks
+
+
+def _called(name: str, k: int, s: int) -> str:
+    return f"{name}[{k}, {s}]" if name == "blocks" else name
+
+
+def _refuse(name: str, excess: np.ndarray, shown: np.ndarray, size: np.ndarray, what: str) -> None:
+    wrong = excess > _FORGIVEN * np.maximum(size, np.finfo(float).tiny)
     if wrong.any():
-        k, s = np.argwhere(wrong)[0]
-        raise InputError(f"blocks[{k}, {s}] is not {what} {shown[k, s]:.3g} (largest entry {size[k, s]:.3g})")
+        k, s = (int(each) for each in np.argwhere(wrong)[0])
+        raise InputError(f"{_called(name, k, s)} is not {what} {shown[k, s]:.3g} (largest entry {size[k, s]:.3g})")

@@ -37,7 +37,7 @@ def climbed(instance: Instance, columns: list[Column], before: Mixture | None) -
                 shares, moved = trial, True
                 break
             length /= 2
-        if not moved or promised <= _ENOUGH * max(abs(now), instance.criterion.resolution):
+        if not moved or promised <= _ENOUGH * max(abs(now), 1.0 if instance.criterion.resolution else 0.0):
             break
     return _mixture(instance, W, penalty, shares, weights, mu)
 
@@ -71,9 +71,9 @@ def _newton(
     """The maximiser of the quadratic model about the shares, multipliers of scenarios and resources, and the rise it promises."""
     J, R, m = len(shares), W.shape[1], len(usage)
     mean = np.tensordot(shares, W, 1)
-    values = np.array([instance.criterion.value(each) for each in mean])
-    slopes = np.stack([vectors(W[:, r]) @ vectors(instance.criterion.slope(mean[r])) for r in range(R)])
-    H = np.einsum("r,rij->ij", weights, np.stack([instance.criterion.curvature(mean[r], W[:, r]) for r in range(R)]))
+    values = instance.judge.values(mean)
+    slopes = np.stack([vectors(W[:, r]) @ vectors(instance.judge.tangent(mean[r])[0]) for r in range(R)])
+    H = np.einsum("r,rij->ij", weights, np.stack([instance.judge.curvature(mean[r], W[:, r]) for r in range(R)]))
     unit = max(abs(float(values.min())), float(np.abs(slopes @ shares).max()), 1e-300)
     # x = (target, t): minimise (x - a)'H(x - a)/2 - t + penalty'x over t <= value_r + slope_r'(x - a)
     P = np.zeros((J + 1, J + 1))
@@ -101,9 +101,9 @@ def _newton(
 
 
 def _mixture(instance: Instance, W: np.ndarray, penalty: np.ndarray, shares: np.ndarray, weights: np.ndarray, mu: np.ndarray) -> Mixture:
-    """The tangent at the mixture is above the criterion everywhere: criterion(V) <= criterion(W) + <slope(W), V - W>."""
+    """The tangent at the mixture is above the criterion everywhere: value(V') <= <V', Z> + offset."""
     mean = np.tensordot(shares, W, 1)
-    slopes = np.stack([instance.criterion.slope(each) for each in mean])
-    offsets = [instance.criterion.value(each) - float(np.sum(slope * each)) for each, slope in zip(mean, slopes, strict=True)]
+    tangents = [instance.judge.tangent(each) for each in mean]
+    slopes, offsets = np.stack([Z for Z, _ in tangents]), np.array([offset for _, offset in tangents])
     dual = Dual(weights[:, None, None] * slopes, mu, float(weights @ offsets))
     return Mixture(shares, _value(instance, W, penalty, shares), dual, weights)

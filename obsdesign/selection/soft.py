@@ -32,6 +32,9 @@ class Soft(AbstractCriterion):
     def value(self, W: np.ndarray) -> float:
         return float(self.values(np.linalg.eigvalsh(W)[None], self.tau)[0])
 
+    def of_root(self, R: np.ndarray) -> np.ndarray:
+        raise NotImplementedError("a step of a search, never a criterion of its own")
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         above, bases = self.spectrum(W[None], self.tau)
         return (bases[0] * (self.tau / above[0])) @ bases[0].T

@@ -61,7 +61,7 @@ class Walks:
             return self.tops(Y).sum(axis=0, keepdims=True)
         for dual, y in zip(duals, Y.T, strict=True):
             if dual not in self.known:  # from here to the end, for all that begins here
-                self.known[dual] = [np.empty(0)] * self.past + self._backward(y[:, None])
+                self.known[dual] = [np.empty(0)] * self.past + self.backward(y[:, None])
         return np.concatenate([self.known[dual][self.past] for dual in duals], axis=1)
 
     def tops(self, Y: np.ndarray) -> np.ndarray:
@@ -78,7 +78,7 @@ class Walks:
             padded = np.where(self._padding >= 0, (self._steps @ y)[self._padding], -np.inf)
             steps = padded.argmax(axis=1)
             return steps, self._steps[self._ends + steps].sum(axis=0)
-        ahead = self._backward(y[:, None])
+        ahead = self.backward(y[:, None])
         steps = np.empty(len(self.layers), dtype=int)
         for i, layer in enumerate(self.layers):
             part = slice(layer.begin[state], layer.begin[state + 1])
@@ -86,7 +86,8 @@ class Walks:
             state = int(layer.target[steps[i]])
         return steps, np.sum([layer.adds[step] for layer, step in zip(self.layers, steps, strict=True)], axis=0)
 
-    def _backward(self, Y: np.ndarray) -> list[np.ndarray]:
+    def backward(self, Y: np.ndarray) -> list[np.ndarray]:
+        """Return the best sum from every layer on (states, J) under prices Y (c, J), layer by layer, 0 after the last."""
         found = [np.zeros((self.states, Y.shape[1]))]
         for layer in reversed(self.layers):
             total = layer.adds @ Y + found[-1][layer.target]
@@ -178,7 +179,7 @@ def _adds(instance: Instance, k: int, patterns: np.ndarray) -> np.ndarray:
 def _linked(instance: Instance, chain: Chain, duals: list[tuple[Dual, float]], least: float) -> Walks | None:
     allowed = np.ones((instance.shape[0], *chain.following.shape), dtype=bool)
     for dual, _ in duals:
-        allowed &= instance.constant(dual) + chain.through(*instance.prices(dual)) > least
+        allowed &= instance.ground(dual) + chain.through(*instance.prices(dual)) > least
     if allowed.sum() > _MOST_STEPS:
         return None
     starts = np.stack([chain.starts @ start for start in [*(each.start for each in instance.resources), instance.switching]], axis=-1)
@@ -189,8 +190,10 @@ def _linked(instance: Instance, chain: Chain, duals: list[tuple[Dual, float]], l
         adds[:, adds.shape[1] - starts.shape[2] :] += starts[source, pattern]
         begin = np.searchsorted(source, np.arange(chain.count + 2))
         layers.append(Layer(source, chain.following[source, pattern], adds, begin, k, chain.patterns[pattern]))
-    nothing = np.zeros(layers[0].adds.shape[1]), np.zeros(instance.shape, dtype=bool)
-    return _merged(Walks(*nothing, tuple(layers), 0, chain.count + 1, linked=True))
+    chosen = np.zeros(instance.shape, dtype=bool)
+    base = np.zeros(layers[0].adds.shape[1])
+    base[: vectors(instance.known).size * len(instance.kept)] = np.tile(vectors(instance.known), len(instance.kept))
+    return _merged(Walks(base, chosen, tuple(layers), 0, chain.count + 1, linked=True))
 
 
 def _merged(walks: Walks) -> Walks:
