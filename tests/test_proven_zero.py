@@ -127,6 +127,15 @@ def test_identities_among_functions_are_zeros():
         assert found(od.observability(affine("st", [0, 0], outputs, state=x))) == (1, True), outputs
 
 
+def test_irrational_constants_of_derivatives_stay_exact():
+    """CasADi writes 4 / pi^(1/2) into second derivatives of erf: exact too. s' = -s, t' = s t, y = erf(s) + t: s and t, 2 of 2."""
+    x, (s, t) = symbols(2)
+    system = affine("st", [-s, s * t], [ca.erf(s) + t], known=[[0, ca.erf(t)]], state=x)
+    assert found(od.observability(system)) == (2, True)
+    gradient = ca.gradient(ca.gradient(ca.erf(s), s), s)
+    assert found(od.observability(affine("st", [s, t], [gradient + t], state=x))) == (2, True)
+
+
 # ---------------------------------------------------------------- along the flow
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 
 import casadi as ca
 import flint
@@ -190,9 +191,18 @@ OPERATIONS: Mapping[int, Callable[..., Ball]] = {
 IRRATIONAL = {2 / math.sqrt(math.pi): lambda: 2 / arb.pi().sqrt(), math.sqrt(math.pi) / 2: lambda: arb.pi().sqrt() / 2}
 
 
+def irrational_part(value: float) -> tuple[Fraction, float] | None:
+    """Return a short factor and the irrational number of which a constant that CasADi made is the product, if it is one."""
+    for number in IRRATIONAL:
+        factor = Fraction(value / number).limit_denominator(64) if math.isfinite(value) else Fraction(0)
+        if factor and abs(factor.numerator) <= 1024 and float(factor) * number == value:
+            return factor, number
+    return None
+
+
 def _constant(value: float) -> arb:
-    if value in IRRATIONAL:
-        return IRRATIONAL[value]()
+    if part := irrational_part(value):
+        return IRRATIONAL[part[1]]() * part[0].numerator / part[0].denominator
     if math.isfinite(value):
         require_short(value)
     return arb(value)

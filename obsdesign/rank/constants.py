@@ -13,7 +13,7 @@ from fractions import Fraction
 
 import casadi as ca
 
-from obsdesign.rank.balls import IRRATIONAL, OPERATIONS
+from obsdesign.rank.balls import OPERATIONS, irrational_part
 from obsdesign.rank.graph import Ring, evaluate, instructions
 from obsdesign.rank.numbers import Meaning, cosine, negative, of_pi, sine
 
@@ -94,7 +94,7 @@ class _Numbers:
     meaning: Callable[[float], Meaning]
 
     def __call__(self, value: float) -> _Node:
-        if not math.isfinite(value) or value in IRRATIONAL or -value in IRRATIONAL:
+        if not math.isfinite(value) or irrational_part(value):
             return _Node(ca.SX(value))
         number = self.table.read.setdefault(value, self.meaning(value))
         if isinstance(number, Fraction):

@@ -8,7 +8,7 @@ from fractions import Fraction
 import casadi as ca
 from flint import nmod, nmod_mat, nmod_poly
 
-from obsdesign.rank.balls import IRRATIONAL
+from obsdesign.rank.balls import IRRATIONAL, irrational_part
 from obsdesign.rank.elimination import Bound
 from obsdesign.rank.formal import Formal
 from obsdesign.rank.graph import Arithmetic, evaluate, instructions, require_short
@@ -19,8 +19,8 @@ _IRRATIONAL = dict(zip(IRRATIONAL, (2 * pow(ROOT_OF_PI, -1, PRIME) % PRIME, ROOT
 
 
 def _constant(value: float) -> nmod:
-    if value in _IRRATIONAL:
-        return nmod(_IRRATIONAL[value], PRIME)
+    if part := irrational_part(value):
+        return as_residue(part[0]) * _IRRATIONAL[part[1]]
     require_short(value)
     return as_residue(Fraction(value))
 
