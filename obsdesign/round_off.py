@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,9 @@ from obsdesign.errors import InputError
 
 EPS = float(np.finfo(float).eps)
 _ROUNDINGS = 8  # of one entry of a sum: its products and its additions, each at most eps of the sizes added
-_LEAK = 0.1  # squared share of a hidden direction in a state, below which rounding has put it there
+_MARGIN = 16  # how many times the error that rounding makes in rows, to first order and on average, counts as round-off
+_LEAK = (2 / _MARGIN) ** 2  # squared share of a hidden direction in a state, up to which rounding may have put it there
+_CHUNK = 32  # rows of a triangular factor that are taken together: its rounding grows with their number
 _PLAIN = 1e-6  # a matrix whose eigenvalues are within this ratio is nowhere near singular, in whatever units
 
 
@@ -74,20 +77,11 @@ def standard_deviations(J: ArrayLike, sizes: np.ndarray | None = None) -> np.nda
     if added is not None and added.shape != matrices.shape[:-1]:
         raise InputError(f"sizes has shape {added.shape}: must be {matrices.shape[:-1]}, one for each diagonal entry")
     found = spectrum(matrices, added)
-    return deviations(found) / found.d
-
-
-def deviations(found: Spectrum) -> np.ndarray:
-    """Return sqrt(diag(W^-1)) (..., n) in units of 1/d, inf where hidden.
-
-    A hidden direction is computed with what rounding mixes into it of the directions that are seen, at most a small share of what
-    these leave unknown: a state it moves by less than that is not moved.
-    """
     squares = found.V**2
     known = np.where(found.hidden, 0.0, 1 / np.where(found.hidden, 1.0, found.values))
     variances = np.einsum("...ij,...j->...i", squares, known)
-    moved = np.einsum("...ij,...j->...i", squares, found.hidden.astype(float)) / resolution(squares.shape[-1])
-    return np.where(moved > _LEAK * variances, np.inf, np.sqrt(variances))
+    moved = np.einsum("...ij,...j->...i", squares, found.hidden.astype(float)) / resolution(squares.shape[-1])  # as in _parted
+    return np.where(moved > _LEAK * variances, np.inf, np.sqrt(variances)) / found.d
 
 
 def without_round_off(W: np.ndarray, sizes: np.ndarray) -> np.ndarray:
@@ -97,6 +91,94 @@ def without_round_off(W: np.ndarray, sizes: np.ndarray) -> np.ndarray:
         return W
     root = found.V * np.sqrt(np.where(found.hidden, 0.0, found.values)) * found.d[:, None]
     return root @ root.T
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What rows R (m, n) see of a state: R v for the columns v of `seen` (n, r) are orthonormal; of `hidden` (n, p) it is round-off.
+
+    Together they span all directions, in the units of the states; a hidden one is as long as it takes for its round-off to be 1.
+    """
+
+    seen: np.ndarray
+    hidden: np.ndarray
+
+    @property
+    def std(self) -> np.ndarray:
+        """sqrt(diag((R'R)^-1)) (n,); inf for a state that a hidden direction moves."""
+        return np.where(self.hidden.any(axis=1), np.inf, np.sqrt((self.seen**2).sum(axis=1)))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(R'R)^-1 (n, n) of the states that are determined, 0 along what is hidden."""
+        return self.seen @ self.seen.T
+
+    def smallest_eigenvalue(self, scale: np.ndarray) -> float:
+        """lambda_min of S R'R S with S = diag(scale), 0 where a direction is hidden."""
+        if self.hidden.shape[1]:
+            return 0.0
+        return 1 / float(np.linalg.norm(self.seen / scale[:, None], 2)) ** 2
+
+
+def sight_of_sum(W: np.ndarray, sizes: np.ndarray | None = None) -> Sight:
+    """Return what a sum W (n, n) of information sees; sizes as for `spectrum`."""
+    found = spectrum(W, sizes)
+    roots = np.sqrt(np.where(found.hidden, resolution(len(W)), found.values))
+    directions = found.V / roots / found.d[:, None]
+    return _parted(directions, ~found.hidden)
+
+
+def sight_of_rows(rows: np.ndarray, errors: np.ndarray) -> Sight:
+    """Return what rows (m, n) see that have errors (k, n): v is hidden where |rows v| <= 16 |errors v|, for any units of the states.
+
+    errors: what rounding does to the rows, |errors v| its size in a direction, to first order. The triangular factors are themselves
+    rounded, 8 n eps of each column. With [R; E] = [Q_1; Q_2] T the singular values of Q_1 are the cosines of the angles between
+    what is seen and what is round-off (a generalised singular value decomposition): hidden is what has more of the latter.
+    """
+    n = rows.shape[1]
+    R, E = triangular(rows), _MARGIN * triangular(errors)
+    sizes = np.sqrt((R**2).sum(axis=0) + (E**2).sum(axis=0))
+    sizes = np.where(sizes > 0, sizes, 1.0)
+    stack = np.vstack([R / sizes, E / sizes, resolution(n) * np.eye(n)])
+    Q, T = np.linalg.qr(stack)
+    _, cosines, Z = np.linalg.svd(np.vstack([Q[: len(R)], np.zeros((n, n))]), full_matrices=False)
+    directions = np.linalg.solve(T, Z.T) / sizes[:, None]
+    seen = cosines**2 > 0.5
+    return _parted(np.where(seen, directions / np.where(seen, cosines, 1.0), directions), seen)
+
+
+def _parted(directions: np.ndarray, seen: np.ndarray) -> Sight:
+    """Part directions, columns as in `Sight`, into those that are seen and those that are not.
+
+    A hidden direction is computed with what rounding mixes into it of the directions that are seen, at most a small share of
+    what these leave unknown: a state it moves by less than that is not moved.
+    """
+    known, hidden = directions[:, seen], directions[:, ~seen]
+    moved = (hidden**2).sum(axis=1) > _LEAK * (known**2).sum(axis=1)
+    return Sight(known, np.where(moved[:, None], hidden, 0.0))
+
+
+def reweighed(sight: Sight, information: Callable[[np.ndarray], float]) -> Sight:
+    """Return the sight of the same samples with other errors, of which information(v) = v'W v tells what is known along v (n,).
+
+    What no sample sees stays hidden whatever the errors are; W is found on the rest, from squares (v + w)'W (v + w) - (v - w)'W (v - w).
+    """
+    columns = sight.seen.T
+    M = np.array([[(information(v + w) - information(v - w)) / 4 for w in columns] for v in columns]).reshape(len(columns), len(columns))
+    values, V = np.linalg.eigh((M + M.T) / 2)
+    known = values > resolution(len(sight.seen)) * values.max(initial=0.0)
+    directions = sight.seen @ V
+    return Sight(directions[:, known] / np.sqrt(values[known]), np.hstack([sight.hidden, directions[:, ~known]]))
+
+
+def triangular(rows: np.ndarray) -> np.ndarray:
+    """Return R (k, n), k <= n, with R'R = rows'rows: of a few rows at a time, whose factors are then taken together."""
+    n = rows.shape[1]
+    most = max(_CHUNK, 4 * n)
+    while len(rows) > most:
+        rows = np.concatenate([rows, np.zeros((-len(rows) % most, n))])
+        rows = np.asarray(np.linalg.qr(rows.reshape(-1, most, n), mode="r")).reshape(-1, n)
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def smallest_eigenvalue(W: np.ndarray) -> float:

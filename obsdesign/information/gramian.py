@@ -16,6 +16,7 @@ from obsdesign.calculus import wrap_columns
 from obsdesign.checks import all_finite, as_array
 from obsdesign.errors import InputError
 from obsdesign.information.colour import colour_of, require_coloured
+from obsdesign.information.origin import origin_of
 from obsdesign.information.record import Information, with_samples
 from obsdesign.information.samples import Samples
 from obsdesign.information.sampling import sampled_only, samples_of, with_derivatives
@@ -58,7 +59,7 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
         blocks, end = sampled_only(blocks, system, path.step), Phi[-1]
     else:
         blocks, end = _integrated(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
-    return Information(with_derivatives(blocks, system, path), system.model.sensor_names, end)
+    return Information(with_derivatives(blocks, system, path), system.model.sensor_names, end, origin=origin_of(system, path, weighted))
 
 
 def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:
@@ -72,7 +73,7 @@ def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:
     blocks = with_derivatives(blocks, system, path)
     seen = [values[0] for values in run.results[1:]]
     samples = samples_of(system, colour, seen[0].reshape(path.steps, colour.q, n), seen[1], seen[2], path.step)
-    return with_samples(blocks, model.sensor_names, shape.full(run.carry)[-1], samples)
+    return with_samples(blocks, model.sensor_names, shape.full(run.carry)[-1], samples, origin_of(system, path))
 
 
 @validate_arguments
@@ -93,7 +94,8 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
     else:
         blocks = _integrated(system, path, sampler)
     samples = None if reference.samples is None else _difference_rows(system, size, path, reference.samples)
-    return with_samples(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition, samples)
+    origin = origin_of(system, path, weighted, differences=True)
+    return with_samples(with_derivatives(blocks, system, path), system.model.sensor_names, reference.transition, samples, origin)
 
 
 def _pace_of(system: AbstractSystem, path: Trajectory) -> _Pace:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,8 +11,9 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor
 from obsdesign.errors import InputError
+from obsdesign.information.origin import Origin
 from obsdesign.information.samples import Samples
-from obsdesign.round_off import standard_deviations
+from obsdesign.round_off import Sight, reweighed, sight_of_sum
 
 
 @validate_arguments
@@ -24,12 +26,14 @@ class Information:
     are in `samples` as well: `total`, `std`, `final` and `under` are exact for them, their blocks and those of `by_segment` are
     amounts from below: whichever of them are added up are no more than what those samples say together.
     transition (n, n): Phi = dx(t_N)/dx(t_0), which carries information to the end of the path; None = not known.
+    origin: the system and path that it comes from, so that round-off can be told from information; None: by the blocks alone.
     """
 
     blocks: np.ndarray
     names: tuple[str, ...]
     transition: np.ndarray | None = None
     samples: Samples | None = None
+    origin: Origin | None = None
 
     def __post_init__(self) -> None:
         blocks = np.asarray(self.blocks, dtype=float)
@@ -60,7 +64,10 @@ class Information:
 
     def along(self, v: np.ndarray) -> np.ndarray:
         """Return (N, S) >= 0, summing to v'W v: what each sample says beyond those before it and, in joint noise, beside it."""
-        each = np.einsum("i,ksij,j->ks", v, self.blocks, v)
+        if self.origin is not None and self.origin.is_of_samples:
+            each = self.origin.along(v)
+        else:
+            each = np.einsum("i,ksij,j->ks", v, self.blocks, v)
         if self.samples is not None:
             each[:, list(self.samples.colour.places)] = self.samples.along(v)
         return each
@@ -68,7 +75,16 @@ class Information:
     @property
     def std(self) -> np.ndarray:
         """Cramer-Rao bound (n,) of each component of x(t_0) in its unit: sqrt(diag(W^-1)); inf for what stays hidden."""
-        return standard_deviations(self.total)
+        return self.sight.std
+
+    @cached_property
+    def sight(self) -> Sight:
+        """The directions that are seen and those that stay hidden, where what is seen of them is round-off."""
+        if self.origin is None:
+            return sight_of_sum(self.total)
+        if self.origin.is_of_samples and self.samples is None:
+            return self.origin.sight
+        return reweighed(self.origin.sight, lambda v: float(self.along(v).sum()))
 
     @property
     def final(self) -> np.ndarray:
@@ -94,7 +110,8 @@ class Information:
             raise InputError("information of other noise does not follow: both need the same correlation, constant and joint errors")
         blocks = np.concatenate([self.blocks, Phi.T @ later.blocks @ Phi])
         samples = None if self.samples is None or later.samples is None else self.samples.then(later.samples, Phi)
-        return with_samples(blocks, self.names, None if later.transition is None else later.transition @ Phi, samples)
+        origin = later.origin.after(self.origin) if self.origin and later.origin else None
+        return with_samples(blocks, self.names, None if later.transition is None else later.transition @ Phi, samples, origin)
 
     def by_segment(self, segments: int) -> np.ndarray:
         """Return (K, S, n, n): what counts for each sensor in each of K equal groups of steps. K must divide N.
@@ -133,13 +150,16 @@ class Information:
             raise InputError(f"no sensor {unknown[0]!r} (there are {', '.join(self.names)})")
         places = [self.names.index(name) for name in sensors]
         samples = None if self.samples is None else self.samples.only(places)
-        return with_samples(self.blocks[:, places], sensors, self.transition, samples)
+        origin = None if self.origin is None else self.origin.only(places)
+        return with_samples(self.blocks[:, places], sensors, self.transition, samples, origin)
 
 
-def with_samples(blocks: np.ndarray, names: tuple[str, ...], transition: np.ndarray | None, samples: Samples | None) -> Information:
+def with_samples(
+    blocks: np.ndarray, names: tuple[str, ...], transition: np.ndarray | None, samples: Samples | None, origin: Origin | None
+) -> Information:
     """Return information whose blocks of coloured sensors are the amounts that each single sample may be counted for."""
     if samples is not None:
         blocks = blocks.copy()
         blocks[:, list(samples.colour.places)] = samples.amounts(np.arange(len(blocks)))
         blocks.setflags(write=False)
-    return Information(blocks, names, transition, samples)
+    return Information(blocks, names, transition, samples, origin)
