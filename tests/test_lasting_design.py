@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -157,3 +159,20 @@ def test_no_schedule_of_a_joint_question_is_worth_less_than_it_is_counted_for():
 def test_a_path_for_which_nothing_is_on_is_worth_nothing():
     asked = od.DesignProblem(GPS_ONLY, np.zeros(5), 5.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.3, 0.3)}, weights=np.zeros((2, 2)))
     assert od.design_trajectory(asked, starts=2, seed=0, throw=False).value == 0.0
+
+
+def test_a_study_tells_what_the_chosen_samples_say_together(tmp_path: Path):
+    """Errors that last: exact_value beside the value, in the result and on the page."""
+    text = (Path(__file__).parents[1] / "scenarios" / "dubins_sensor_selection.toml").read_text().split("[[expected]]")[0]
+    text = text.replace("sigma = 2.0", "correlation = 0.8\nbias_floor = 0.5\nsigma = 2.0", 1).replace("runs = 100", "runs = 2")
+    text = text.replace("seconds = 40.0", "seconds = 10.0").replace("duration = 120.0", "duration = 30.0")
+    before, after = text.split('[[paths]]\nname = "straight"')
+    (tmp_path / "lasting.toml").write_text(before + "[selection]" + after.split("[selection]")[1])
+    study = od.run(od.load_scenario(tmp_path / "lasting.toml"))
+    od.write_report(tmp_path / "out", study)
+    part = json.loads((tmp_path / "out" / "result.json").read_text())["selection"]
+    assert "chosen, all its samples together" in (tmp_path / "out" / "report.html").read_text()
+    each = np.repeat(np.array(part["chosen"]), np.diff(study.main.nodes), axis=0)
+    W = study.problem.scaled(study.main.information.under(each))
+    assert part["exact_value"] == pytest.approx(np.linalg.eigvalsh(W)[0], rel=1e-9)
+    assert part["exact_value"] > part["value"]

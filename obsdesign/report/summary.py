@@ -66,6 +66,8 @@ def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> T
     of = f" {path}:" if path else ""
     table = _table(f"{title}{of} ({name} of S W S: more is better; no unit)", "schedule", "value")
     table.add_row("chosen", _number(selection.value))
+    if selection.exact_value is not None:
+        table.add_row("chosen, all its samples together (the others: counted from below)", _number(selection.exact_value))
     gap = "none" if selection.gap is None else f"{selection.gap:.3g}" if selection.criterion == "log_det" else f"{selection.gap:.2%}"
     table.add_row("no schedule is above", f"{_number(selection.bound)} (gap {gap})")
     for each, value in selection.naive.items():
