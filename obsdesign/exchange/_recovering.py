@@ -8,7 +8,9 @@ import numpy as np
 
 from obsdesign.calculus import wrap_columns
 from obsdesign.model import AbstractSystem
+from obsdesign.simulation import substeps_along
 from obsdesign.step import step_of
+from obsdesign.trajectory import Trajectory
 
 _TRIES = 30
 
@@ -24,12 +26,19 @@ class Recovered:
 def recovered_inputs(system: AbstractSystem, x: np.ndarray, dt: float) -> Recovered:
     """Return the inputs that lead from each state of x (N+1, n) to the next one in dt [s].
 
-    argmin over u_k of |x_k+1 - step(x_k, u_k)|^2 by Gauss and Newton, unknown inputs taken as 0.
+    argmin over u_k of |x_k+1 - step(x_k, u_k)|^2 by Gauss and Newton, unknown inputs taken as 0; of steps made of as many
+    sub-steps as those inputs need.
     """
+    found = _recovered(system, x, dt, 1)
+    needed = substeps_along(system, Trajectory(np.arange(len(x)) * dt, x, found.u)) if np.isfinite(found.u).all() else 1
+    return found if needed == 1 else _recovered(system, x, dt, needed)
+
+
+def _recovered(system: AbstractSystem, x: np.ndarray, dt: float, substeps: int) -> Recovered:
     import casadi as ca
 
     model = system.model
-    step = step_of(model, dt).without_disturbance()
+    step = step_of(model, dt, substeps).without_disturbance()
     one = ca.Function("one", [step.x, step.u], [step.x_next, ca.densify(ca.jacobian(step.x_next, step.u))])
     n, m, steps = x.shape[1], len(model.inputs), len(x) - 1
     angles = np.array([signal.is_angle for signal in model.states])

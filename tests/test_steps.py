@@ -1,0 +1,188 @@
+"""Steps as exact as is asked: against closed forms, exponentials and an independent integrator of order 8."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import obsdesign as od
+from obsdesign.information.gramian import transition_matrices
+from obsdesign.simulation import substeps_along
+
+
+def free(drift: Callable[[ca.SX], ca.SX], n: int, output: int = 0) -> od.ControlAffineSystem:
+    x = ca.SX.sym("x", n)
+    return od.ControlAffineSystem(x, tuple(f"x{i}" for i in range(n)), drift(x), outputs={"y": x[output]})
+
+
+def coasting(system: od.ControlAffineSystem, start: object, steps: int, dt: float, tolerance: float = 1e-6) -> od.Trajectory:
+    return od.simulate(system, start, np.zeros((steps, 0)), dt, tolerance=tolerance)
+
+
+def reference(system: od.ControlAffineSystem, start: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (N+1, n) and dx(t)/dx(0) (N+1, n, n), integrated together at order 8 to 1e-13."""
+    model, n = system.model, len(start)
+    function = ca.Function("f", [model.x], [model.drift, ca.densify(ca.jacobian(model.drift, model.x))])
+
+    def rate(_: float, both: np.ndarray) -> np.ndarray:
+        f, J = (value.full() for value in function(both[:n]))
+        return np.concatenate([f.ravel(), (J @ both[n:].reshape(n, n)).ravel()])
+
+    first = np.concatenate([start, np.eye(n).ravel()])
+    found = solve_ivp(rate, (t[0], t[-1]), first, method="DOP853", rtol=1e-13, atol=1e-14, t_eval=t).y.T
+    return found[:, :n], found[:, n:].reshape(-1, n, n)
+
+
+def errors(system: od.ControlAffineSystem, path: od.Trajectory) -> tuple[float, float]:
+    """Largest errors of x and Phi along a path, relative to the largest value of each entry."""
+    x, Phi = reference(system, path.x[0], path.t)
+    off, off_Phi = np.abs(path.x - x).max(axis=0), np.abs(transition_matrices(system, path) - Phi).max(axis=0)
+    return float((off / np.abs(x).max(axis=0)).max()), float((off_Phi / (np.abs(Phi).max(axis=0) + 1e-9)).max())
+
+
+# ---------------------------------------------------------------- what the issue has
+
+
+def test_a_state_that_decays_within_a_step():
+    """v = e^(-10 t): v(5) = e^-50, and the four samples after the first say 1 part in 5e8 of what it says: sigma 1."""
+    system = free(lambda x: -10 * x, 1)
+    path = coasting(system, [1.0], 5, 1.0)
+    assert path.x[-1, 0] == pytest.approx(np.exp(-50.0), rel=1e-6)
+    assert od.variational_gramian(system, path).std == pytest.approx([1.0], rel=1e-6)
+
+
+def test_an_oscillator_with_two_radians_a_step():
+    """y_k = cos(10 t_k) q + sin(10 t_k) / 10 q': least squares over the 20 rows."""
+    system = free(lambda x: ca.vertcat(x[1], -100 * x[0]), 2)
+    found = od.variational_gramian(system, coasting(system, [1.0, 0.0], 20, 0.2)).std
+    t = 0.2 * np.arange(20)
+    rows = np.column_stack([np.cos(10 * t), np.sin(10 * t) / 10])
+    np.testing.assert_allclose(found, np.sqrt(np.diag(np.linalg.inv(rows.T @ rows))), rtol=1e-6)
+    np.testing.assert_allclose(found, [0.310, 3.23], rtol=2e-3)
+
+
+# ---------------------------------------------------------------- linear systems of any stiffness
+
+
+@pytest.mark.parametrize("rate", [-1e4, -1000.0, -50.0, -0.01])
+@pytest.mark.parametrize("dt", [0.1, 1.0])
+def test_a_stiff_linear_system_has_the_exponential_for_its_steps(rate: float, dt: float):
+    A = np.array([[0.0, 1.0, 0.0], [-4.0, -0.2, 1.0], [0.0, 0.0, rate]])
+    system = free(lambda x: ca.DM(A) @ x + ca.DM([0.0, 0.3, 0.1]), 3)
+    path = coasting(system, [1.0, 0.5, 2.0], 12, dt)
+    full = np.zeros((4, 4))
+    full[:3, :3], full[:3, 3] = A, [0.0, 0.3, 0.1]
+    expected = np.array([expm(full * t) for t in path.t])
+    np.testing.assert_allclose(path.x, (expected @ [1.0, 0.5, 2.0, 1.0])[:, :3], rtol=2e-6, atol=1e-7)
+    np.testing.assert_allclose(transition_matrices(system, path), expected[:, :3, :3], rtol=0, atol=2e-6)
+
+
+@pytest.mark.parametrize("weighted", [True, False])
+def test_the_integral_of_a_fast_oscillation_is_the_closed_one(weighted: bool):
+    """int cos^2 = T/2 + sin(2 w T) / 4w and so on; weighted: sums over samples."""
+    system, w, dt, steps = free(lambda x: ca.vertcat(x[1], -100 * x[0]), 2), 10.0, 0.3, 10
+    found = od.variational_gramian(system, coasting(system, [1.0, 0.0], steps, dt), weighted).total
+    if weighted:
+        t = dt * np.arange(steps)
+        rows = np.column_stack([np.cos(w * t), np.sin(w * t) / w])
+        expected = rows.T @ rows
+    else:
+        T = dt * steps
+        swing, cross = np.sin(2 * w * T) / (4 * w), np.sin(w * T) ** 2 / (2 * w * w)
+        expected = np.array([[T / 2 + swing, cross], [cross, (T / 2 - swing) / w**2]])
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_array_less(np.abs(found - expected), 1e-5 * np.outer(size, size))
+
+
+# ---------------------------------------------------------------- vehicles
+
+
+@pytest.mark.parametrize("turn_rate", [0.5, 3.0, 20.0, -20.0, 16 * np.pi])
+@pytest.mark.parametrize("dt", [0.1, 0.5])
+def test_a_vehicle_that_spirals_is_where_the_circle_has_it(turn_rate: float, dt: float):
+    """Also where a whole number of turns is made in each step, and in each half of it."""
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(1.0),))
+    path = od.simulate(system, (1.0, 2.0, 0.3, 3.0, -2.0), np.full(40, turn_rate), dt)
+    heading = 0.3 + turn_rate * path.t
+    x = 1 + 15 * (np.sin(heading) - np.sin(0.3)) / turn_rate + 3 * path.t
+    y = 2 - 15 * (np.cos(heading) - np.cos(0.3)) / turn_rate - 2 * path.t
+    flown = 15.0 * path.t[-1]
+    np.testing.assert_allclose(path.x[:, :2], np.column_stack([x, y]), atol=1e-6 * flown)
+    Phi = transition_matrices(system, path)
+    expected = np.column_stack([-(y - 2 + 2 * path.t), x - 1 - 3 * path.t])
+    np.testing.assert_allclose(Phi[:, :2, 2], expected, atol=1e-6 * flown)
+
+
+def test_where_one_step_is_enough_it_is_the_step_of_runge_and_kutta_bit_for_bit():
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(1.0),))
+    u = np.random.default_rng(0).uniform(-0.5, 0.5, 50)
+    path = od.simulate(system, (1.0, 2.0, 0.3, 3.0, -2.0), u, 0.25)
+    assert substeps_along(system, path) == 1
+    np.testing.assert_array_equal(path.x, od.simulate(system, (1.0, 2.0, 0.3, 3.0, -2.0), u, 0.25, tolerance=0.9).x)
+
+
+# ---------------------------------------------------------------- nonlinear systems
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05, 0.3])
+@pytest.mark.parametrize(
+    ("drift", "start"),
+    [
+        (lambda x: ca.vertcat(x[1], -9.81 * ca.sin(x[0])), (2.0, 0.0)),
+        (lambda x: ca.vertcat(x[1], 5 * (1 - x[0] ** 2) * x[1] - x[0]), (2.0, 0.1)),
+        (lambda x: ca.vertcat(x[0] * (1 - x[1]), x[1] * (x[0] - 1)), (0.5, 1.5)),
+    ],
+    ids=["pendulum", "Van der Pol", "predator and prey"],
+)
+def test_states_and_sensitivities_meet_the_tolerance(drift: Callable[[ca.SX], ca.SX], start: tuple[float, ...], dt: float):
+    system = free(drift, 2)
+    for tolerance in (1e-4, 1e-7):
+        assert max(errors(system, coasting(system, start, 20, dt, tolerance))) < 5 * tolerance
+
+
+def random_system(seed: int) -> tuple[od.ControlAffineSystem, np.ndarray, float]:
+    random = np.random.default_rng(seed)
+    n = int(random.integers(1, 4))
+    A, B, C = random.normal(size=(n, n)), random.normal(size=(n, n)), random.normal(size=(n, n))
+    A -= (np.linalg.eigvals(A).real.max() + 0.3) * np.eye(n)
+    fast = 10.0 ** random.uniform(-1, 1)
+    system = free(lambda x: fast * (ca.DM(A) @ x + ca.sin(ca.DM(B) @ x) / 2 + ca.tanh(ca.DM(C) @ x) * ca.cos(x[0]) / 3 + 0.2), n)
+    return system, random.normal(size=n), float(10.0 ** random.uniform(-1.5, 0.0) / fast)
+
+
+def assert_tolerances_are_met(seeds: range) -> None:
+    for seed in seeds:
+        system, start, dt = random_system(seed)
+        tolerance = 10.0 ** np.random.default_rng([seed, 1]).uniform(-7, -4)
+        off = errors(system, coasting(system, start, 15, dt, tolerance))
+        assert max(off) < 10 * tolerance, f"seed {seed}: {off} at {tolerance}"
+
+
+def test_random_systems_meet_the_tolerance():
+    assert_tolerances_are_met(range(4))
+
+
+@pytest.mark.slow
+def test_two_hundred_random_systems_meet_the_tolerance():
+    assert_tolerances_are_met(range(1000, 1200))
+
+
+# ---------------------------------------------------------------- what is refused
+
+
+def test_a_step_too_coarse_is_refused_with_one_that_would_do():
+    system = free(lambda x: ca.vertcat(-(10 + ca.sin(x[0])) * 1e4 * (x[0] - ca.cos(x[1])), 1 + 0 * x[0]), 2)
+    with pytest.raises(od.InputError, match="a step of 1 s is too coarse for these dynamics"):
+        coasting(system, [1.0, 0.0], 5, 1.0)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-6, float("nan"), "small", True])
+def test_a_tolerance_is_a_number_between_0_and_1(tolerance: object):
+    system = free(lambda x: -x, 1)
+    with pytest.raises(od.InputError, match="tolerance is"):
+        od.simulate(system, [1.0], np.zeros((5, 0)), 1.0, tolerance=tolerance)  # pyright: ignore
