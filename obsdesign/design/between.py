@@ -11,7 +11,7 @@ from obsdesign.constraints.abstract import Span
 from obsdesign.design.instants import Instants, Intervals, best_instant, instants_of, stretches
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.simulation import simulate
+from obsdesign.simulation import states_from, substeps_along
 from obsdesign.trajectory import Trajectory
 
 FINER, _FINEST = 10, 160  # steps of the check for one step of the path: at first, and at most
@@ -130,8 +130,8 @@ def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:
     coarse = _refined(problem, path, finer // 2)
     while True:
         fine = _refined(problem, path, finer)
-        if finer >= _FINEST or _differ(instants, path, coarse.x[:: finer // 2], fine.x[::finer]) <= 15 * _EXACT:
-            return Fine(instants, nodes, fine.t, fine.x, fine.u)
+        if finer >= _FINEST or _differ(instants, path, coarse[:: finer // 2], fine[::finer]) <= 15 * _EXACT:
+            return Fine(instants, nodes, np.arange(len(fine)) * (path.step / finer), fine, np.repeat(path.u, finer, axis=0))
         coarse, finer = fine, 2 * finer
 
 
@@ -143,8 +143,11 @@ def _differ(instants: Instants, path: Trajectory, one: np.ndarray, other: np.nda
     return float(np.abs(first - second)[first < 1.0].max(initial=0.0))
 
 
-def _refined(problem: DesignProblem, path: Trajectory, finer: int) -> Trajectory:
-    return simulate(problem.system, path.x[0], np.repeat(path.u, finer, axis=0), path.step / finer, tolerance=problem.tolerance)
+def _refined(problem: DesignProblem, path: Trajectory, finer: int) -> np.ndarray:
+    """States (finer N + 1, n), of at least as many sub-steps as the path itself is made of."""
+    substeps = -(-substeps_along(problem.system, path) // finer)
+    u = np.repeat(path.u, finer, axis=0)
+    return states_from(problem.system, path.x[:1], u, path.step / finer, substeps=substeps)[0]
 
 
 def _minimum(

@@ -15,7 +15,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.values import NO_ROWS, Choice, Rows
 from obsdesign.trajectory import Trajectory
 
-_AIM = 2.5e-7  # by how much a margin, of order 1, may fall short before it is asked for again
+_AIM = 5e-7  # by how much a margin, of order 1, may fall short before it is asked for again
 _SAME = 1e-3  # share of a step within which two instants are one
 _MOST = 40  # instants of one margin that are asked for at once
 
