@@ -15,6 +15,7 @@ from test_selection import path_blocks
 import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.selection.posing import posed
+from obsdesign.selection.schedule import gap_of
 
 every_criterion = pytest.mark.parametrize("criterion", CRITERIA, ids=lambda each: type(each).__name__)
 NEAR = 5e-9  # relative; a double is asked for twice its digits where fewer than nine are left
@@ -462,3 +463,24 @@ def test_a_value_of_any_schedule_is_right_to_its_digits(seed: int):
     np.testing.assert_allclose(
         [instance.value(each) for each in chosen], values, rtol=NEAR, atol=NEAR if problem.criterion.resolution else 0
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "criterion", "gap"),
+    [
+        (0.0, 0.0, CRITERIA[0], 0.0),
+        (0.0, 2.0, CRITERIA[0], 1.0),
+        (1.5, 2.0, CRITERIA[0], 0.25),
+        (-1.0, 0.0, CRITERIA[0], np.inf),
+        (-np.inf, -np.inf, CRITERIA[1], 0.0),
+        (-np.inf, 3.0, CRITERIA[1], np.inf),
+        (-7.0, -6.5, CRITERIA[1], 0.5),
+        (-3.0, -2.0, CRITERIA[2], 0.5),
+        (-np.inf, -2.0, CRITERIA[2], np.inf),
+        (np.nan, np.nan, CRITERIA[0], np.nan),
+        (2.0, np.inf, CRITERIA[0], 1.0),
+    ],
+)
+def test_the_gap_obeys_its_formula(value: float, bound: float, criterion: AbstractCriterion, gap: float):
+    """1 - value / bound; relative to |bound| where that is negative; a difference for log det."""
+    assert gap_of(value, bound, criterion) == pytest.approx(gap, nan_ok=True)

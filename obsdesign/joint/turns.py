@@ -10,7 +10,7 @@ from obsdesign.design.choosing import chosen as best_of
 from obsdesign.design.climbing import Task, climbed
 from obsdesign.design.record import Design
 from obsdesign.joint.question import Question
-from obsdesign.selection.schedule import Schedule
+from obsdesign.selection.schedule import Schedule, gap_of
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
@@ -105,7 +105,7 @@ def with_schedule(question: Question, pair: Pair, proven: bool = False) -> Pair:
     if found is None or found.objective > pair.objective:
         return pair if found is None else found
     picked, value = found.schedule, pair.objective + question.price(pair.path)
-    gap = max(0.0, 1 - value / picked.bound) if picked.bound > 0 else 0.0
+    gap = gap_of(value, max(picked.bound, value), question.problem.criterion)
     status = Status.OPTIMAL if picked.status is Status.OPTIMAL and gap <= picked.gap else picked.status
     own = replace(picked, chosen=pair.schedule.chosen, value=value, gap=gap, status=status)
     return replace(pair, schedule=own)

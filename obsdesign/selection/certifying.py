@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from obsdesign.errors import InputError
-from obsdesign.selection.columns import bound_of, gap_of
+from obsdesign.selection.columns import bound_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
-from obsdesign.selection.schedule import Schedule
+from obsdesign.selection.schedule import Schedule, gap_of
 from obsdesign.selection.searching import Answer
 from obsdesign.status import Status
 
@@ -18,7 +18,7 @@ def certified(instance: Instance, dual: Dual, fractional: int, answer: Answer, g
     value = instance.value(answer.chosen)
     root = max(bound_of(instance, dual)[0], value)  # they may cross by a rounding error
     bound = min(max(answer.bound, value), root)
-    reached = gap_of(value, bound, instance)
+    reached = gap_of(value, bound, instance.criterion)
     forced = instance.schedules.regrets(*instance.prices(dual))
     Z = instance.theirs(dual.Z)
     status = Status.OPTIMAL if reached <= gap else Status.GAP_OPEN

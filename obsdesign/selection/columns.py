@@ -122,17 +122,6 @@ def size_of(bound: float, instance: Instance) -> float:
     return abs(bound) if instance.criterion.is_relative else 1.0
 
 
-def gap_of(value: float, bound: float, instance: Instance) -> float:
-    """Return the gap as a Schedule states it: 1 - value / bound, (bound - value) / |bound| where that is negative, or bound - value.
-
-    0 where both are the same number, be it 0 or -inf; inf where a bound of 0 is not reached.
-    """
-    if value == bound:
-        return 0.0
-    size = size_of(bound, instance)
-    return (bound - value) / size if size > 0 else float("inf")
-
-
 def between(one: Dual, other: Dual, share: float = 0.5) -> Dual:
     """Return a mixture of two duals, which is one too."""
     return Dual(

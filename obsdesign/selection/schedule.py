@@ -18,14 +18,16 @@ _FORGIVEN = 1e-9  # of its largest entry: what rounding may do to the symmetry a
 class Schedule:
     """Which sensors are on in which segment: chosen (K, S) bool, and how good that is.
 
-    value = criterion(W), W the sum of the chosen blocks (the worst W where sensors may be lost), less what switching costs;
-    bound >= value of every schedule that keeps the rules; gap = 1 - value / bound (bound - value for a criterion like log det, whose
-    differences count; relative to |bound| where that is negative). Status OPTIMAL: the gap is closed; GAP_OPEN: it is not.
+    value = criterion(W), W the sum of what is known and the chosen blocks (the worst W where sensors may be lost), less what switching
+    costs; exactly 0 (-inf) where no block sees a direction, which `notes` then call hidden. bound >= value of every schedule that keeps
+    the rules; gap = 1 - value / bound (bound - value for a criterion like log det, whose differences count; relative to |bound| where
+    that is negative; 0 where both are one number). Status OPTIMAL: the gap is closed; GAP_OPEN: it is not.
 
     root_bound = UB(dual) >= bound, in closed form: criterion(W) <= <W, dual> + offset for every W, hence
-    UB = offset + prices'limits + max over schedules of (sum <W_ks, dual> - prices'usage - switching). For a smallest eigenvalue dual is
-    any Z >= 0 with trace 1 and offset is 0: <W, Z> >= lambda_min(W). dual (n, n): what the last bit of information is worth, by
-    direction; (R, n, n), one for each set of lost sensors, with robust_to. prices (resources,): what one more unit of a budget is worth.
+    UB = offset + <known, dual> + prices'limits + max over schedules of (sum <W_ks, dual> - prices'usage - switching). For a smallest
+    eigenvalue dual is any Z >= 0 with trace 1 (of the judged states) and offset is 0: <W, Z> >= lambda_min(W). dual (n, n): what the
+    last bit of information is worth, by direction; (R, n, n), one for each set of lost sensors, with robust_to. prices (resources,):
+    what one more unit of a budget is worth.
 
     forced_on, forced_off (K, S): how much the root bound falls when a sensor is forced on, or off, in a segment; inf: impossible.
     fractional: segments that the relaxation leaves undecided. nodes: partial schedules that the proof looked at. notes: what went
@@ -46,6 +48,20 @@ class Schedule:
     nodes: int
     status: Status
     notes: tuple[str, ...] = ()
+
+
+def gap_of(value: float, bound: float, criterion: AbstractCriterion) -> float:
+    """Return the gap: 1 - value / bound, (bound - value) / |bound| where that is negative, bound - value where differences count.
+
+    0 where both are the same number, be it 0 or -inf; inf where a bound of 0 is not reached.
+    """
+    if value == bound:
+        return 0.0
+    if criterion.resolution:
+        return bound - value
+    if bound == 0:
+        return float("inf")
+    return 1 - value / bound if bound > 0 else value / bound - 1
 
 
 def information_of(blocks: np.ndarray, chosen: np.ndarray) -> np.ndarray:
