@@ -66,5 +66,12 @@ def _require_covariance(covariance: np.ndarray, mean: np.ndarray) -> None:
         raise InputError(f"prior: mean {mean.shape} and covariance {covariance.shape} must be finite, (n,) and (n, n)")
     scale = np.sqrt(np.abs(np.diag(covariance)))
     lowest = -1.0 if not scale.all() else np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0]
-    if lowest <= 1e-13 or not np.allclose(covariance, covariance.T, rtol=1e-12, atol=0):
-        raise InputError("prior: the covariance must be symmetric and positive definite")
+    skew = np.abs(covariance - covariance.T) - 1e-12 * np.outer(scale, scale)
+    if skew.max(initial=0.0) > 0:
+        i, j = (int(each) for each in np.unravel_index(int(skew.argmax()), skew.shape))
+        pair = f"[{i}, {j}] is {covariance[i, j]:.17g} and [{j}, {i}] is {covariance[j, i]:.17g}"
+        raise InputError(f"prior: covariance{pair}: must be symmetric to 1e-12 of the standard deviations of both states")
+    if lowest <= 1e-13:
+        raise InputError(
+            f"prior: the covariance, each state in its own standard deviation, has the eigenvalue {lowest:.3g}: must be positive definite"
+        )

@@ -97,7 +97,7 @@ def without_round_off(W: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 class Sight:
     """What rows R (m, n) see of a state: R v for the columns v of `seen` (n, r) are orthonormal; of `hidden` (n, p) it is round-off.
 
-    Together they span all directions, in the units of the states; a hidden one is as long as it takes for its round-off to be 1.
+    Together they span all directions, in the units of the states; a state that no hidden direction moves has zeros in all of them.
     """
 
     seen: np.ndarray
@@ -113,11 +113,18 @@ class Sight:
         """(R'R)^-1 (n, n) of the states that are determined, 0 along what is hidden."""
         return self.seen @ self.seen.T
 
-    def smallest_eigenvalue(self, scale: np.ndarray) -> float:
-        """lambda_min of S R'R S with S = diag(scale), 0 where a direction is hidden."""
-        if self.hidden.shape[1]:
-            return 0.0
-        return 1 / float(np.linalg.norm(self.seen / scale[:, None], 2)) ** 2
+    def principal(self, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (n,), ascending, and unit vectors (n, n) of S R'R S with S = diag(scale), by those of its inverse.
+
+        What is hidden has the eigenvalue 0, and vectors in which a state that is not moved has no part.
+        """
+        hidden = np.linalg.qr(_unit_columns(self.hidden / scale[:, None]))[0]
+        hidden = np.where((self.hidden != 0).any(axis=1, keepdims=True), hidden, 0.0)
+        seen = self.seen / scale[:, None]
+        axes, lengths, _ = np.linalg.svd(seen - hidden @ (hidden.T @ seen), full_matrices=False)
+        known = seen.shape[1]
+        values = np.concatenate([np.zeros(hidden.shape[1]), lengths[:known] ** -2.0])
+        return values, np.hstack([hidden, axes[:, :known]])
 
 
 def sight_of_sum(W: np.ndarray, sizes: np.ndarray | None = None) -> Sight:
@@ -144,7 +151,14 @@ def sight_of_rows(rows: np.ndarray, errors: np.ndarray) -> Sight:
     _, cosines, Z = np.linalg.svd(np.vstack([Q[: len(R)], np.zeros((n, n))]), full_matrices=False)
     directions = np.linalg.solve(T, Z.T) / sizes[:, None]
     seen = cosines**2 > 0.5
-    return _parted(np.where(seen, directions / np.where(seen, cosines, 1.0), directions), seen)
+    parted = _parted(np.where(seen, directions / np.where(seen, cosines, 1.0), directions), seen)
+    # the same hidden directions, well apart from each other: across the rows that are seen
+    across = np.linalg.qr((Z[seen] @ T).T, mode="complete")[0][:, int(seen.sum()) :] / sizes[:, None]
+    return Sight(parted.seen, np.where((parted.hidden != 0).any(axis=1, keepdims=True), across, 0.0))
+
+
+def _unit_columns(columns: np.ndarray) -> np.ndarray:
+    return columns / np.linalg.norm(columns, axis=0)
 
 
 def _parted(directions: np.ndarray, seen: np.ndarray) -> Sight:

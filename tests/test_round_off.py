@@ -199,3 +199,28 @@ def test_one_sensor_twice_in_decimals_is_one_sensor():
         system = od.ControlAffineSystem(state=q, names=("x", "y"), outputs=outputs)
         path = od.simulate(system, [1.0, 2.0], np.zeros((5, 0)), 1.0)
         assert np.isinf(od.variational_gramian(system, path).std).all()
+
+
+def test_contributions_and_principal_directions_leave_round_off_out():
+    system = od.System(od.Dubins(speed=10.0), (od.Range((-2000.0, 0.0), sigma=1.0),))
+    found = od.variational_gramian(system, od.simulate(system, [0, 0, np.pi], np.zeros((20, 1)), 0.5))
+    said = od.contributions(system, found, 4)
+    assert said.sentences[0].startswith("x is known to 0.224 m")
+    assert said.sentences[1:] == ("y stays hidden", "heading stays hidden")
+    assert said.weakest_value == 0.0
+    assert said.weakest[0] == 0.0  # exactly: no term of 1e-17
+    assert np.isnan(said.weakest_shares).all()
+    values, vectors = found.sight.principal(np.array([50.0, 50.0, 0.3]))
+    assert values[:2].tolist() == [0.0, 0.0]
+    assert values[2] == pytest.approx(20 * 50**2)
+    assert vectors[0, :2].tolist() == [0.0, 0.0]
+    assert np.abs(vectors[:, 2]) == pytest.approx([1, 0, 0], abs=1e-12)
+
+
+def test_a_covariance_of_states_decades_apart_is_served_or_its_entry_named():
+    spread = np.array([1e-9, 1.0, 1e9])
+    P = np.outer(spread, spread) * np.array([[1, 0.5, 1e-14], [0.5, 1, 0.2], [0, 0.2, 1]])  # an asymmetry of 1e-14 of the sizes
+    assert np.array_equal(od.Prior([0.0, 0.0, 0.0], covariance=P).mean, np.zeros(3))
+    P[0, 2] = 1e-3
+    with pytest.raises(od.InputError, match=r"covariance\[0, 2\] is 0.001.*\[2, 0\] is 0"):
+        od.Prior([0.0, 0.0, 0.0], covariance=P)

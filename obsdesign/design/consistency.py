@@ -84,9 +84,19 @@ def _require_states(problem: DesignProblem) -> None:
 def _require_known_information(problem: DesignProblem, n: int) -> None:
     known = np.asarray(problem.known)
     fits = known.shape == (n, n) and bool(np.isfinite(known).all())
-    size = float(np.abs(known).max(initial=0.0)) if fits else 0.0
-    if not fits or np.abs(known - known.T).max() > 1e-9 * size or np.linalg.eigvalsh(known)[0] < -1e-9 * size:
+    if not fits:
         raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
+    sizes = np.sqrt(np.maximum(np.diag(known), 0.0))  # of each state in its own unit
+    units = np.where(sizes > 0, sizes, 1.0)
+    skew = np.abs(known - known.T) - 1e-9 * np.outer(units, units)
+    beyond = np.abs(known) - (1 + 1e-9) * np.outer(sizes, sizes)
+    for excess, what in ((skew, "symmetric"), (beyond, "positive semidefinite: an entry is at most the root of the two beside it")):
+        if excess.max(initial=0.0) > 0:
+            i, j = (int(each) for each in np.unravel_index(int(excess.argmax()), excess.shape))
+            raise InputError(f"known[{i}, {j}] is {known[i, j]:g} and known[{j}, {i}] {known[j, i]:g}: must be {what}")
+    lowest = float(np.linalg.eigvalsh(known / np.outer(units, units))[0])
+    if lowest < -1e-9:
+        raise InputError(f"known, scaled to unit diagonal, has the eigenvalue {lowest:.3g}: must be positive semidefinite")
 
 
 def _require_weights(problem: DesignProblem) -> None:

@@ -13,7 +13,7 @@ from obsdesign.checks import require_divisor
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
 from obsdesign.model import AbstractSystem
-from obsdesign.round_off import standard_deviations
+from obsdesign.round_off import Sight
 from obsdesign.signals import Signal
 from obsdesign.simulation import as_scale
 
@@ -73,21 +73,16 @@ def contributions(
     S = as_scale(system, scale)
     said = _Said(information, len(information.blocks) if segments is None else segments)
     require_divisor("segments", said.segments, "steps", len(information.blocks))
-    W = said.total
-    std = standard_deviations(W)
-    shares = np.stack([_shares(said, v) for v in _profiles(W, std)])
-    values, vectors = np.linalg.eigh(W * S[:, None] * S)
-    seen = values[0] > len(W) * np.finfo(float).eps * values[-1]
-    weakest = _shares(said, S * vectors[:, 0]) if seen else np.full(said.blocks.shape[:2], np.nan)
-    return Contributions(states, information.names, std, shares, vectors[:, 0], float(values[0]) if seen else 0.0, weakest)
+    sight = information.sight
+    shares = np.stack([_shares(said, v) for v in _profiles(sight)])
+    values, vectors = sight.principal(S)
+    said_least = _shares(said, S * vectors[:, 0]) if values[0] else np.full((said.segments, len(information.names)), np.nan)
+    return Contributions(states, information.names, sight.std, shares, vectors[:, 0], float(values[0]), said_least)
 
 
-def _profiles(W: np.ndarray, std: np.ndarray) -> np.ndarray:
+def _profiles(sight: Sight) -> np.ndarray:
     """Rows v = W^-1 e_i / (W^-1)_ii: along v state i changes by 1 and the others so that the samples notice least; NaN if hidden."""
-    diagonal = np.diag(W)
-    scale = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
-    inverse = np.linalg.pinv(W * np.outer(scale, scale), rcond=len(W) * np.finfo(float).eps, hermitian=True) * np.outer(scale, scale)
-    visible = np.isfinite(std)
+    inverse, visible = sight.covariance, np.isfinite(sight.std)
     rows = np.full_like(inverse, np.nan)
     rows[visible] = inverse[visible] / np.diag(inverse)[visible, None]
     return rows
@@ -105,14 +100,9 @@ class _Said:
         """(K, S, n, n)."""
         return self.information.by_segment(self.segments)
 
-    @cached_property
-    def total(self) -> np.ndarray:
-        """W (n, n)."""
-        return self.blocks.sum(axis=(0, 1)) if self.information.samples is None else self.information.total
-
     def along(self, v: np.ndarray) -> np.ndarray:
         """Return (K, S), summing to v'W v."""
-        if self.information.samples is None:
+        if self.information.samples is None and self.information.origin is None:
             return np.einsum("i,ksij,j->ks", v, self.blocks, v)
         each = self.information.along(v)
         return each.reshape(self.segments, -1, each.shape[1]).sum(axis=1)

@@ -16,7 +16,6 @@ from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.record import Information
 from obsdesign.information.shares import contributions
 from obsdesign.moment import Moment
-from obsdesign.round_off import standard_deviations
 from obsdesign.scenario.schema import DESIGNED, SHORTEST, STRAIGHT, WEAVE, Scenario
 from obsdesign.simulation import simulate
 from obsdesign.study.record import Candidate, Quality, suites_of
@@ -81,6 +80,6 @@ def candidate_of(scenario: Scenario, problems: tuple[DesignProblem, ...], name: 
 
 def rate(problem: DesignProblem, path: Trajectory, information: Information, sensors: tuple[str, ...]) -> Quality:
     """Return the quality of a path for the suite of sensors that the problem is about."""
-    W = information.only(*sensors).total
-    eigenvalues, vectors = np.linalg.eigh(problem.scaled(W))
-    return Quality(sensors, problem.value(path), eigenvalues, standard_deviations(W), vectors)
+    sight = information.only(*sensors).sight
+    eigenvalues, vectors = sight.principal(problem.units)
+    return Quality(sensors, problem.value(path), eigenvalues, sight.std, vectors)
