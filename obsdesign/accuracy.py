@@ -21,6 +21,7 @@ _WORK = 600_000  # operations that a step and its check may have together
 _PART = (3 - 5**0.5) / 2  # of a sub-step, the first of the two it is checked against: no period of a motion divides both
 _SHARE = 1 / (1 - _PART**5 - (1 - _PART) ** 5)  # error of a sub-step over its difference from those two, at order 4
 _ROUNDING = 2.0**-46  # relative, by which state and inputs are moved to see what rounding does: 64 units of it
+_LOST = 1e-2  # share of a state that rounding may take from it
 _TINY, _HUGE = 1e-300, 1e300
 _SAFETY, _LEAP = 1.5, 8.0  # on an error where the number of sub-steps is chosen for it; most by which that grows at a time
 
@@ -31,19 +32,21 @@ Walked = Callable[[np.ndarray, int], np.ndarray]
 class CoarseError(InputError):
     """A step is too coarse for the dynamics, with as many sub-steps as can be made: by a factor of `error` tolerances."""
 
-    def __init__(self, step: float, count: int, error: float, tolerance: float) -> None:
+    def __init__(self, step: float, count: int, error: float, tolerance: float, enough: float | None = None) -> None:
+        self.arguments = (step, count, error, tolerance, enough)
+        self.enough = enough
         said = f"a step of {step:g} s is too coarse for these dynamics: even {count} sub-steps "
         if isfinite(error):
             least = step / (_SAFETY * error) ** 0.25
             digits = 10.0 ** floor(log10(least))
-            enough = floor(least / digits) * digits
-            said += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}; a step of {enough:g} s would do"
+            self.enough = floor(least / digits) * digits
+            said += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}"
         else:
-            said += f"leave the finite numbers; the motion runs away, or it needs a step far below {step / count:.1g} s"
-        super().__init__(said)
-        self.arguments = (step, count, error, tolerance)
+            said += "leave the finite numbers"
+        would = "the motion runs away, or it needs a step much smaller" if self.enough is None else f"a step of {self.enough:g} s would do"
+        super().__init__(f"{said}; {would}")
 
-    def __reduce__(self) -> tuple[type, tuple[float, int, float, float]]:
+    def __reduce__(self) -> tuple[type, tuple[float, int, float, float, float | None]]:
         return type(self), self.arguments
 
 
@@ -230,7 +233,8 @@ def _check(model: Model, step: float, substeps: int, rounding: bool) -> Scan:
         near = [value * (1 + _ROUNDING) for value in (one.x, one.u, one.w)]
         x_near, F_near = ca.Function("near", [one.x, one.u, one.w], [one.x_next, one.F])(*near)
         moved_next, Phi_moved_next = kept * (one.F @ moved) + x_near - one.x_next, F_near @ Phi_moved
-        allowed += ca.fabs(moved_next)
+        # no more than this share: of states that have run away all is rounding
+        allowed += ca.fmin(ca.fabs(moved_next), _LOST * size_next)
         allowed_Phi += ca.fabs(Phi_moved_next - Phi_next)
         carry, carry_next = [*carry, moved, Phi_moved], [*carry_next, moved_next, Phi_moved_next]
     off = ca.mmax(ca.fabs(error_next) / allowed)

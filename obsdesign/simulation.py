@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.accuracy import Walks, substeps_for, substeps_from
+from obsdesign.accuracy import CoarseError, Walks, substeps_for, substeps_from
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
 from obsdesign.errors import InputError
@@ -16,6 +16,8 @@ from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import TOLERANCE, Trajectory
+
+_PARTS = (4, 32, 256)  # of a step that no sub-steps make stable, which are tried instead
 
 
 @validate_arguments
@@ -47,16 +49,43 @@ def substeps_needed(
 
     Raises InputError where that would be too many, with the step that would do.
     """
-    model, held = system.model, _together(u, np.zeros((1, len(system.model.unknown_inputs))) if w is None else w)
+    try:
+        return _substeps_needed(system, starts, (u, w), dt, tolerance)
+    except CoarseError as coarse:
+        if coarse.enough is not None:
+            raise
+        raise CoarseError(*coarse.arguments[:4], _enough(system, starts, (u, w), dt, tolerance)) from None
+
+
+_Inputs = tuple[np.ndarray, np.ndarray | None]
+
+
+def _substeps_needed(system: AbstractSystem, starts: np.ndarray, inputs: _Inputs, dt: float, tolerance: float) -> np.ndarray:
+    model, (u, w) = system.model, inputs
+    held = _together(u, np.zeros((1, len(model.unknown_inputs))) if w is None else w)
     by_structure = substeps_from(model, starts, held, dt, tolerance)
     if by_structure is not None:
         return by_structure
 
     def walked(rows: np.ndarray, count: int) -> np.ndarray:
-        inputs, unknown = (values[rows] if values is not None and values.ndim == 3 else values for values in (u, w))
-        return states_from(system, starts[rows], inputs, dt, unknown, substeps=count)  # pyright: ignore[reportArgumentType]
+        known, unknown = (values[rows] if values is not None and values.ndim == 3 else values for values in (u, w))
+        return states_from(system, starts[rows], known, dt, unknown, substeps=count)  # pyright: ignore[reportArgumentType]
 
     return substeps_for(Walks(model, dt, held, len(starts), walked, simulated=True), tolerance)
+
+
+def _enough(system: AbstractSystem, starts: np.ndarray, inputs: _Inputs, dt: float, tolerance: float) -> float | None:
+    """Return a step that would do for the same motion, tried out, or estimated from one that nearly does; None where none was found."""
+    for parts in _PARTS:
+        finer = tuple(None if values is None else np.repeat(values, parts, axis=-2) for values in inputs)
+        try:
+            _substeps_needed(system, starts, finer, dt / parts, tolerance)  # pyright: ignore[reportArgumentType]
+        except CoarseError as coarse:
+            if coarse.enough is not None:
+                return coarse.enough
+        else:
+            return dt / parts
+    return None
 
 
 def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
