@@ -14,6 +14,7 @@ import numpy as np
 
 from obsdesign import compile as machine
 from obsdesign.errors import InputError
+from obsdesign.repeats import without_repeats
 
 _LOAD = 2_000  # steps after which the cache folder is asked for machine code
 # a compiler is asked when the virtual machine has done as much as it would take: about 0.3 s and 0.6 ms an operation, at 6 ns each
@@ -111,7 +112,7 @@ class Scan:
         """Shared: look for what is computed twice; for a graph of hundreds of thousands of operations that takes seconds."""
         plain = [each.column if isinstance(each, Spread) else each for each in results]
         dense = [ca.densify(carry_next), *map(ca.densify, plain)]
-        outputs = ca.cse(dense) if shared else dense
+        outputs = without_repeats(dense) if shared else dense
         self._function = ca.Function(_NAME, [carry, *rows], outputs)
         self._indices = tuple(each.index if isinstance(each, Spread) else None for each in results)
         self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))

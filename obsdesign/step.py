@@ -13,6 +13,7 @@ from obsdesign.checks import whole_multiple
 from obsdesign.errors import InputError
 from obsdesign.model import Model
 from obsdesign.packing import packing_of
+from obsdesign.repeats import without_repeats
 from obsdesign.scan import Spread
 
 CACHED = 64  # functions kept of each kind
@@ -89,7 +90,7 @@ def chained(model: Model, lengths: tuple[float, ...]) -> Step:
     u, w = model.u, model.w
     if len(lengths) == 1:
         rate = ca.Function("rate", [model.x, u, w], [_rate(model)])
-        x_next = ca.cse(ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, lengths[0])))
+        (x_next,) = without_repeats([ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, lengths[0]))])
         return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
     x, F, B_w = model.x, ca.SX.eye(model.x.numel()), ca.SX(model.x.numel(), w.numel())
     each = {length: _as_function(chained(model, (length,))) for length in dict.fromkeys(lengths)}

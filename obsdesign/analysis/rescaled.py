@@ -18,6 +18,7 @@ import casadi as ca
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.words import Space
 from obsdesign.calculus import bracket, lie_derivative
+from obsdesign.repeats import without_repeats
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ class Rescaled:
     def fields(self) -> tuple[ca.SX, ...]:
         """gh_0, gh_1, ..., gh_p, each (n, 1)."""
         every = ca.horzcat(self.equations.drift, *self.equations.unknown)
-        return tuple(ca.cse(every @ self.inverse[:, j]) for j in range(self.inverse.shape[1]))
+        return tuple(_shared(every @ self.inverse[:, j]) for j in range(self.inverse.shape[1]))
 
     @property
     def moving_fields(self) -> tuple[ca.SX, ...]:
@@ -57,7 +58,7 @@ class Rescaled:
         """rate(field) = (L_field N) B as a column."""
         shape = self.rates.shape
         derived = ca.reshape(lie_derivative(ca.vec(self.rates), self.equations.x, field), *shape)
-        return ca.vec(ca.cse(derived @ self.inverse))
+        return ca.vec(_shared(derived @ self.inverse))
 
     @cached_property
     def switched_rates(self) -> ca.SX:
@@ -75,7 +76,7 @@ class Rescaled:
         found: list[ca.SX] = []
         for field in fields:
             every = ca.horzcat(*(bracket(field, g, x) for g in (self.equations.drift, *self.equations.unknown)))
-            found += [ca.cse(every @ self.inverse[:, j]) for j in range(self.inverse.shape[1])]
+            found += [_shared(every @ self.inverse[:, j]) for j in range(self.inverse.shape[1])]
         return found
 
     def known_equations(self, *told: ca.SX) -> Equations:
@@ -129,6 +130,10 @@ def rescale(space: Space, *, everywhere: bool = False) -> Rescaled | None:
         functions, waiting = ca.vertcat(functions, latest), ca.vertcat(waiting, latest)
 
 
+def _shared(expression: ca.SX) -> ca.SX:
+    return without_repeats([expression])[0]
+
+
 def _entered(equations: Equations, functions: ca.SX) -> ca.SX:
     """Return the Lie derivatives of the functions (k, 1) along the unknown inputs (k, p)."""
     return ca.horzcat(*(lie_derivative(functions, equations.x, g) for g in equations.unknown))
@@ -147,7 +152,7 @@ def _told_rates(space: Space, functions: ca.SX, chosen: ca.SX, waiting: ca.SX, e
     for s in ca.vertsplit(waiting) if waiting.numel() else []:
         rate = lie_derivative(s, equations.x, drift)
         if columns:
-            lam = ca.cse(_entered(equations, s)[:, columns] @ ca.inv_minor(M[:, columns]))
+            lam = _shared(_entered(equations, s)[:, columns] @ ca.inv_minor(M[:, columns]))
             known = ca.SX(0, 1) if everywhere else functions
             told = len(space.telling(ca.vertcat(known, lam.T))) == known.numel()
             rate = rate - lam @ lie_derivative(chosen, equations.x, drift)

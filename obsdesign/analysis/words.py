@@ -12,6 +12,7 @@ from obsdesign.analysis.places import Place
 from obsdesign.calculus import lie_derivative
 from obsdesign.rank.elimination import rank_at
 from obsdesign.rank.residues import independent_rows, values_modulo
+from obsdesign.repeats import without_repeats
 
 NODES = 20_000
 """Expressions of more nodes than this are not evaluated."""
@@ -35,7 +36,7 @@ class Space:
         """Return the first independent rows of the matrix at the place. Raises TooLargeError, NoValueError."""
         if ca.n_nodes(matrix) > 4 * NODES:
             raise TooLargeError
-        matrix = ca.cse(matrix)
+        (matrix,) = without_repeats([matrix])
         if ca.n_nodes(matrix) > NODES:
             raise TooLargeError
         function, arguments = self.equations.function(matrix), (self.place.state, self.equations.values)
@@ -62,7 +63,7 @@ class Space:
         every = ca.vertcat(*(lie_derivative(functions, self.equations.x, field) for field in fields))
         if ca.n_nodes(every) > 4 * NODES:
             raise TooLargeError
-        every = ca.cse(every)
+        (every,) = without_repeats([every])
         first = {every[i].element_hash(): i for i in reversed(range(every.numel()))}
         variable = set(ca.jacobian_sparsity(every, self.equations.x).row())
         chosen = sorted(variable & set(first.values()))

@@ -11,6 +11,7 @@ import numpy as np
 
 from obsdesign.model import Model
 from obsdesign.rank.graph import instructions
+from obsdesign.repeats import without_repeats
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, Sensitivity, sensitivity_along, step_of
 
@@ -87,7 +88,7 @@ def _coordinates(model: Model) -> dict[float, float]:
 
 def _perturbed(symbols: list[ca.SX], expression: ca.SX, coordinates: dict[float, float]) -> tuple[ca.SX, ca.SX]:
     """Return the column with a factor 1 + theta at each number that is rounded, and theta (t, 1)."""
-    steps = instructions(ca.Function("exact", symbols, [ca.cse(expression)]))
+    steps = instructions(ca.Function("exact", symbols, without_repeats([expression])))
     arguments = [ca.vertsplit(each) for each in symbols]
     numbers = {step.value for step in steps if step.operation == ca.OP_CONST and math.frexp(step.value)[0] * 2**_BITS % 1}
     noise = iter(ca.vertsplit(ca.SX.sym("theta", len(steps) + len(numbers))))

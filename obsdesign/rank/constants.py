@@ -79,7 +79,7 @@ class _Table:
         """Return what stands for the number in an expression."""
         if number in (0, 1, -1):
             return ca.SX(float(number))
-        return self.symbols.setdefault(number, ca.SX.sym("constant"))
+        return self.symbols.setdefault(number, ca.SX.sym(f"constant {len(self.symbols)}"))
 
     def whole(self, node: _Node) -> ca.SX:
         """Return the node as an expression."""

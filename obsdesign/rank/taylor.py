@@ -14,6 +14,7 @@ import casadi as ca
 import flint
 
 from obsdesign.rank.graph import Arithmetic, Instruction, evaluate, instructions
+from obsdesign.repeats import without_repeats
 
 Series = list[Any]  # coefficients of t^0, t^1, ...
 
@@ -38,7 +39,9 @@ class Flow:
             "B": ca.jacobian(self.rate, self.w),
             "C": ca.jacobian(self.h, self.x),
         }
-        functions = {name: ca.Function(name, [self.x, self.u, self.w, self.constants], [ca.cse(e)]) for name, e in expressions.items()}
+        functions = {
+            name: ca.Function(name, [self.x, self.u, self.w, self.constants], without_repeats([e])) for name, e in expressions.items()
+        }
         return {name: (function.sparsity_out(0), instructions(function)) for name, function in functions.items()}
 
     @property
