@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -172,17 +171,27 @@ def _parted(directions: np.ndarray, seen: np.ndarray) -> Sight:
     return Sight(known, np.where(moved[:, None], hidden, 0.0))
 
 
-def reweighed(sight: Sight, information: Callable[[np.ndarray], float]) -> Sight:
-    """Return the sight of the same samples with other errors, of which information(v) = v'W v tells what is known along v (n,).
+def reweighed(sight: Sight, rows: np.ndarray) -> Sight:
+    """Return the sight of the same samples with other errors, whose independent rows (m, n) of variance 1 are given.
 
-    What no sample sees stays hidden whatever the errors are; W is found on the rest, from squares (v + w)'W (v + w) - (v - w)'W (v - w).
+    What no sample sees stays hidden whatever the errors are. On the rest the rows themselves are taken, not their squares: a constant
+    error leaves of some directions a millionth of what others are known to, and of its square nothing.
     """
-    columns = sight.seen.T
-    M = np.array([[(information(v + w) - information(v - w)) / 4 for w in columns] for v in columns]).reshape(len(columns), len(columns))
-    values, V = np.linalg.eigh((M + M.T) / 2)
-    known = values > resolution(len(sight.seen)) * values.max(initial=0.0)
-    directions = sight.seen @ V
-    return Sight(directions[:, known] / np.sqrt(values[known]), np.hstack([sight.hidden, directions[:, ~known]]))
+    if not sight.seen.shape[1]:
+        return sight
+    R = triangular(rows @ sight.seen)
+    sizes = np.linalg.norm(R, axis=0)
+    unit = np.where(sizes > 0, sizes, 1.0)
+    _, values, Z = np.linalg.svd(np.vstack([R / unit, np.zeros((len(unit), len(unit)))]), full_matrices=False)
+    known = values > resolution(len(sight.seen))
+    directions = (sight.seen / unit) @ Z.T
+    return Sight(directions[:, known] / values[known], np.hstack([sight.hidden, directions[:, ~known]]))
+
+
+def rows_of(W: np.ndarray) -> np.ndarray:
+    """Return rows A (n, n), A'A = W (n, n) >= 0."""
+    found = spectrum(W)
+    return (found.V * np.sqrt(np.maximum(found.values, 0.0)) * found.d[:, None]).T
 
 
 def triangular(rows: np.ndarray) -> np.ndarray:

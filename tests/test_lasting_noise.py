@@ -372,3 +372,22 @@ def test_information_travels_with_its_samples():
     again = pickle.loads(pickle.dumps(WHOLE))
     np.testing.assert_array_equal(again.total, WHOLE.total)
     np.testing.assert_array_equal(again.by_segment(4), WHOLE.by_segment(4))
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, 2.5])
+@pytest.mark.parametrize("bias", [1e5, 1e7, 1e9])
+def test_a_constant_error_far_above_the_noise_takes_nothing_from_what_differences_say(bias: float, heading: float) -> None:
+    # on a straight leg each coordinate is a line in time: the slope across it is known to sigma / (v S^1/2), S = sum (t - mean t)^2,
+    # whatever constants there are, and each start to the mean of its line, the slope times the mean time, and the constant
+    sigma, speed, step, steps = 1.0, 10.0, 0.5, 20
+    system = od.System(od.Dubins(speed=speed), (od.GPS(sigma=sigma, bias_floor=bias),))
+    path = od.simulate(system, [5.0, -3.0, heading], np.zeros((steps, 1)), step)
+    t = step * np.arange(steps)
+    S = ((t - t.mean()) ** 2).sum()
+    turned = sigma / (speed * np.sqrt(S))
+    leading = speed * t.mean() * np.array([-np.sin(heading), np.cos(heading)]) * turned
+    start = np.sqrt(bias**2 + sigma**2 / steps + leading**2)
+    information = od.variational_gramian(system, path)
+    np.testing.assert_allclose(information.std, [*start, turned], rtol=1e-9)
+    first, second = (od.variational_gramian(system, path.part(*ends)) for ends in ((0, 8), (8, steps)))
+    np.testing.assert_allclose(first.then(second).std, [*start, turned], rtol=1e-9)

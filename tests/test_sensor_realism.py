@@ -527,3 +527,13 @@ def test_no_limits_are_the_default_and_cost_nothing(make: Beacon):
         *("beacon", "sigma", "sigma_per_metre", "max_range", "field_of_view"),
         *("rate", "inflation", "bias_floor", "correlation", "name"),
     }
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 1.3, 1.7, 2.0, 2.6, 3.5, 10.0])
+def test_a_sample_far_out_of_range_says_what_the_formula_of_the_gate_says(share: float) -> None:
+    # one sample, beacon on the x axis: W_xx = g / sigma^2, g = 1 / (1 + exp((r / max_range - 1) / 0.05)); 4e-18 at 3 times the range
+    system = od.System(od.Dubins(speed=1.0), (od.Range((100.0, 0.0), 2.0, max_range=100.0 / share),))
+    path = od.simulate(system, [0.0, 0.0, 0.0], np.zeros((1, 1)), 1.0)
+    found = od.variational_gramian(system, path)
+    np.testing.assert_allclose(found.total[0, 0], 1 / (1 + np.exp((share - 1) / 0.05)) / 4, rtol=1e-11)
+    np.testing.assert_allclose(found.std[0], 2.0 * np.sqrt(1 + np.exp((share - 1) / 0.05)), rtol=1e-11)

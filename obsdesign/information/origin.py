@@ -49,6 +49,13 @@ class Origin:
         owner = [s for s in self.system.model.output_owner if s in self.kept]
         return np.stack([squares[:, [j for j, s in enumerate(owner) if s == kept]].sum(axis=1) for kept in self.kept], axis=1)
 
+    def rows_of(self, sensors: list[int]) -> np.ndarray:
+        """Return the rows (m, n) of all samples of some of the kept sensors, by their places among those."""
+        wanted = [self.kept[s] for s in sensors]
+        owner = [s for s in self.system.model.output_owner if s in self.kept]
+        columns = [j for j, s in enumerate(owner) if s in wanted]
+        return np.concatenate([each[:, columns].reshape(-1, each.shape[2]) for each in self._found[1]])
+
     @property
     def is_of_samples(self) -> bool:
         """Whether each row is of one sample, and information the sum of their squares where errors are independent."""

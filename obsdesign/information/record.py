@@ -13,7 +13,7 @@ from obsdesign.checks import as_array, require_divisor
 from obsdesign.errors import InputError
 from obsdesign.information.origin import Origin
 from obsdesign.information.samples import Samples
-from obsdesign.round_off import Sight, reweighed, sight_of_sum
+from obsdesign.round_off import Sight, reweighed, rows_of, sight_of_sum
 
 
 @validate_arguments
@@ -84,7 +84,14 @@ class Information:
             return sight_of_sum(self.total)
         if self.origin.is_of_samples and self.samples is None:
             return self.origin.sight
-        return reweighed(self.origin.sight, lambda v: float(self.along(v).sum()))
+        return reweighed(self.origin.sight, self._rows)
+
+    @property
+    def _rows(self) -> np.ndarray:
+        """Independent rows (m, n) of variance 1 about x(t_0), whose squares add up to `total`."""
+        if self.origin is None or not self.origin.is_of_samples or self.samples is None:
+            return rows_of(self.total)
+        return np.concatenate([self.origin.rows_of(self._white), self.samples.independent])
 
     @property
     def final(self) -> np.ndarray:

@@ -45,7 +45,7 @@ class Samples:
 
     def information(self, share: np.ndarray | None = None) -> np.ndarray:
         """W (n, n) = A' R^-1 A, R the covariance of all errors; share (N, s): which sensors are on, or how much their samples count."""
-        rows = self._plain if share is None else self._white(self.colour, share[:, list(self.colour.owner)])
+        rows = self.independent if share is None else self._white(self.colour, share[:, list(self.colour.owner)])
         flat = rows.reshape(-1, rows.shape[-1])
         return flat.T @ flat
 
@@ -65,6 +65,11 @@ class Samples:
         rows = np.concatenate([rows, np.zeros((1, q, n))])[place]
         each = [rows[:, :, self.colour.outputs_of(s)].reshape(len(place), -1, n) for s in range(len(self.colour.sensors))]
         return np.stack([A.swapaxes(1, 2) @ A for A in each], axis=1)
+
+    @property
+    def independent(self) -> np.ndarray:
+        """Rows (m, n) of variance 1: what each output says beyond those before it."""
+        return self._plain.reshape(-1, self.rows.shape[-1])
 
     @property
     def _values(self) -> tuple[np.ndarray, ...]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 _SOFT = 0.05  # width of a gate: share of the maximum range, or of the cosine's unit
+_CLOSED = 15.0  # how far outside a gate counts as closed for good, at 1e-130: its square is still a number
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
 
 
 def _open_where(margin: ca.SX) -> ca.SX:
-    """1 / (1 + exp(-margin / 0.05)): 1/2 at margin 0; as a hyperbolic tangent, which does not overflow far outside."""
+    """1 / (1 + exp(-margin / 0.05)): 1/2 at margin 0; right to the last digits also far outside, where it is small."""
     import casadi as ca
 
-    return (1 + ca.tanh(margin / (2 * _SOFT))) / 2
+    return 1 / (1 + ca.exp(-ca.fmax(margin, -_CLOSED) / _SOFT))
