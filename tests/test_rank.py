@@ -336,3 +336,16 @@ def test_residues_of_constants_are_exact():
     assert 2 * value == 1
     with pytest.raises(NotExactError, match="may have been rounded"):
         values_modulo(ca.Function("f", [X], [X / 3 * 0.1]), [[3]])
+
+
+def test_null_vectors_that_are_all_but_parallel():
+    """Of (a, b, c) with a = 1e-120 the null vectors (-b / a, 1, 0) and (-c / a, 0, 1) are parallel but for 1e-120: beyond 256 bits.
+
+    Their span is that of (1, 0, 0) and (0, c, -b) to 1e-120.
+    """
+    x = ca.SX.sym("x", 3)
+    row = ca.Function("row", [x], [x.T])
+    b, c = Fraction(51, 100), Fraction(52, 100)
+    basis = rank_at(row, ([Fraction(999, 1000 * 2**400), b, c],), confirmed=False).null_space
+    assert np.abs(basis.T @ basis - np.eye(2)).max() < 1e-14
+    assert np.abs(np.array([0.0, float(b), float(c)]) @ basis).max() < 1e-14

@@ -880,3 +880,52 @@ def test_a_pole_of_the_unknown_field_at_the_point_is_refused():
 def test_another_class_of_disturbances_is_refused(disturbance):
     with pytest.raises(od.InputError, match=r"disturbance is .*: must be one of 'arbitrary' or a Polynomial"):
         od.observability(switched(), disturbance=disturbance)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("known_inputs", ["any", "smooth"])
+@pytest.mark.parametrize(("sign", "right"), [(1, 2), (-1, 3)])
+def test_a_root_of_a_square_has_the_sign_that_it_has(sign, right, known_inputs, seed):
+    """((1 + c^2)^2)^(1/2) is 1 + c^2, modulo a prime 1 + c^2 or -1 - c^2: with sign +1 w enters b' and hides c; with -1 nothing enters.
+
+    What is not decided is no more than that.
+    """
+    x = ca.SX.sym("x", 4)
+    a, b, c, _ = ca.vertsplit(x)
+    field = ca.sqrt(c**4 + 2 * c * c + 1) + sign * (c * c + 1)
+    system = od.ControlAffineSystem(
+        state=x,
+        names=("a", "b", "c", "d"),
+        drift=ca.vertcat(b, c, 0, 0),
+        known={"u": ca.vertcat(0, b, 0, 0)},
+        unknown={"w": ca.vertcat(0, field, 0, 0)},
+        outputs={"y": a},
+    )
+    verdict = od.observability(system, seed=seed, known_inputs=known_inputs)
+    assert verdict.dimension == right if verdict.decided else verdict.dimension <= right
+
+
+_ZEROS = {
+    "power": lambda c: (c * c + 1) ** c - ca.exp(c * ca.log(c * c + 1)),
+    "logarithms": lambda c: ca.log((c * c + 1) * (c * c + 3)) - ca.log(c * c + 1) - ca.log(c * c + 3),
+    "asinh": lambda c: ca.asinh(c) - ca.log(c + ca.sqrt(c * c + 1)),
+    "erfinv": lambda c: ca.erfinv(ca.erf(c)) - c,
+}
+
+
+@pytest.mark.parametrize("zero", _ZEROS)
+@pytest.mark.parametrize(("more", "right"), [(0, 3), (1, 2)])
+def test_a_field_that_vanishes_by_a_relation_that_is_not_known(zero, more, right):
+    """A' = b, b' = c + b u + field w: where the field is 0 y'' shows c; where it is 1 + c^2, w hides c. Less is said, never more."""
+    x = ca.SX.sym("x", 4)
+    a, b, c, _ = ca.vertsplit(x)
+    system = od.ControlAffineSystem(
+        state=x,
+        names=("a", "b", "c", "d"),
+        drift=ca.vertcat(b, c, 0, 0),
+        known={"u": ca.vertcat(0, b, 0, 0)},
+        unknown={"w": ca.vertcat(0, _ZEROS[zero](c) + more * (1 + c * c), 0, 0)},
+        outputs={"y": a},
+    )
+    verdict = od.observability(system)
+    assert verdict.dimension == right if verdict.decided else verdict.dimension <= right

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
 
 import casadi as ca
-from flint import nmod
+from flint import arb, nmod
 
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, cut, finding_of
-from obsdesign.analysis.growth import Bounds, generic_growth, growth_modulo
+from obsdesign.analysis.growth import Bounds, generic_growth, growth_modulo, usable_places
 from obsdesign.analysis.jets import jets_finding
 from obsdesign.analysis.places import Place, Surroundings
 from obsdesign.analysis.recursion import brackets_leave_rates_alone, recursion
@@ -21,9 +21,10 @@ from obsdesign.analysis.rescaled import Rescaled, rescale
 from obsdesign.analysis.symbolic import residue_place
 from obsdesign.analysis.words import Space, TooLargeError, sweeps
 from obsdesign.errors import InputError
+from obsdesign.rank.elimination import values_at
 from obsdesign.rank.graph import NoValueError
+from obsdesign.rank.numbers import Number
 from obsdesign.rank.residues import values_modulo
-from obsdesign.rank.symbols import PRIME
 
 LEVELS = 2
 """Derivatives of the unknown inputs that are taken into the state where the outputs do not give the inputs away."""
@@ -38,15 +39,36 @@ def generic_finding(equations: Equations, smooth: bool, around: Surroundings) ->
     """
     if not equations.unknown:
         return _known(equations, around)
-    known = growth_modulo(equations.with_all_known(), around.seed)
-    cap = min(known.dimension, equations.asked)
-    if not smooth and equations.known:
-        equations = equations.with_inputs(*_felt(equations, known))
+    witness = witness_of(equations, around)
+    known = _if_known(equations, around, witness)
+    cap = min(known.dimension, equations.asked) if known else equations.asked
+    if known and not smooth and equations.known:
+        equations = equations.with_inputs(*_felt(equations, known, witness))
     if not equations.unknown:
         return _known(equations, around)
     if smooth or not equations.known:
         return finding_of(generic_growth(equations, around), cap)
     return _switched(equations, cap, around)
+
+
+def witness_of(equations: Equations, around: Surroundings) -> Place | None:
+    """Return a real place where functions are symbols modulo the prime.
+
+    What vanishes modulo the prime vanishes where roots have those signs: ((1 + c^2)^2)^(1/2) is 1 + c^2 or -1 - c^2 there. What does not
+    vanish may vanish by a relation that is not known, such as a^b = exp(b log a).
+    """
+    return None if equations.is_rational else next(usable_places(equations, around))
+
+
+def _if_known(equations: Equations, around: Surroundings, witness: Place | None) -> Bounds | None:
+    """Return how the space grows for somebody who knows the unknown inputs; None where more than that is proven at the witness."""
+    every = equations.with_all_known()
+    for attempt in range(_SEEDS):
+        bounds = growth_modulo(every, around.seed + attempt)
+        shown = bounds.at(every, witness, around.seed) if witness else None
+        if shown is None or shown.rank.rank <= bounds.total:
+            return bounds
+    return None
 
 
 def cap_of(equations: Equations, around: Surroundings) -> int:
@@ -82,20 +104,34 @@ def _counted(finding: Finding, steps: Iterable[int]) -> Finding:
     return replace(finding, ranks=cut(ranks)) if ranks[-1] == finding.dimension else finding
 
 
-def _felt(equations: Equations, known: Bounds) -> tuple[list[int], list[int]]:
+def _felt(equations: Equations, known: Bounds, witness: Place | None) -> tuple[list[int], list[int]]:
     """Return the known and the unknown inputs that change what is observable to those who know them all.
 
-    The others change no output at all: what is observable is the same without them.
+    The others change no output at all: what is observable is the same without them. They are so modulo the prime, and not
+    proven to be otherwise at the witness.
     """
-    fields, place = (*equations.known, *equations.unknown), known.place
+    fields, m = (*equations.known, *equations.unknown), len(equations.known)
     inputs = equations.function(ca.densify(ca.horzcat(*fields)))
-    values = values_modulo(inputs, (place.state, equations.values), place.arithmetic)
-    rows = Experiments(equations.with_all_known(), place, len(known.dimensions) - 1).rows()
-    felt = [
-        j for j in range(len(fields)) if any(sum((row[i] * values[i][j] for i in range(equations.n)), nmod(0, PRIME)) != 0 for row in rows)
-    ]
-    m = len(equations.known)
-    return [j for j in felt if j < m], [j - m for j in felt if j >= m]
+    felt: set[int] = set()
+    for place in (known.place, witness):
+        if place:
+            values = _values(inputs, (place.state, equations.values), place)
+            rows = Experiments(equations.with_all_known(), place, len(known.dimensions) - 1).rows()
+            products = (
+                (j, sum((row[i] * values[i][j] for i in range(equations.n)), place.arithmetic.number(0)))
+                for row in rows
+                for j in range(len(fields))
+            )
+            felt |= {j for j, product in products if not _may_vanish(product)}
+    return [j for j in sorted(felt) if j < m], [j - m for j in sorted(felt) if j >= m]
+
+
+def _values(matrix: ca.Function, arguments: Sequence[Sequence[Number]], place: Place) -> list[list[Any]]:
+    return values_modulo(matrix, arguments, place.arithmetic) if place.modular else values_at(matrix, arguments)
+
+
+def _may_vanish(value: nmod | arb | int) -> bool:
+    return 0 in value if isinstance(value, arb) else value == 0
 
 
 def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
@@ -122,7 +158,7 @@ def _switched(equations: Equations, cap: int, around: Surroundings) -> Finding:
 def _rescaled(equations: Equations, cap: int, around: Surroundings) -> Finding | None:
     """Return what is observable for a canonic system; None where it is not, or not seen to be."""
     for attempt in range(_SEEDS):
-        space = Space(equations, residue_place(equations, around.seed + attempt))
+        space = Space(equations, residue_place(equations, around.seed + attempt), witness_of(equations, around))
         try:
             rescaled = rescale(space)
             return _canonic(space, rescaled, cap, around) if rescaled else None

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, cut, how, precision_reached
-from obsdesign.analysis.generic import LEVELS, cap_of
+from obsdesign.analysis.generic import LEVELS, cap_of, witness_of
 from obsdesign.analysis.growth import Bounds, growth_modulo
 from obsdesign.analysis.invariant import growth_on_invariant
 from obsdesign.analysis.orbit import carried_rank
@@ -160,7 +160,9 @@ def _regular(equations: Equations, smooth: bool, place: Place, seed: int) -> Res
     if smooth and equations.known:
         return Rescaled(equations, equations.outputs, equations.outputs).regular_at(Space(equations, place))
     try:
-        rescaled = rescale(Space(equations, residue_place(equations, seed)), everywhere=True)
+        around = Surroundings(equations.asked, seed, Place(place.state[equations.extra :]))
+        space = Space(equations, residue_place(equations, seed), witness_of(equations, around))
+        rescaled = rescale(space, everywhere=True)
         return rescaled.regular_at(Space(equations, place)) if rescaled else None
     except (TooLargeError, NoValueError, ZeroDivisionError):
         return None

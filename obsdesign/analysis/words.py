@@ -22,18 +22,24 @@ class TooLargeError(Exception):
     """An expression has more than NODES nodes."""
 
 
+class OtherBranchError(ZeroDivisionError):
+    """Not as much is independent at a real place as modulo the prime: a root has the other sign, or functions are related."""
+
+
 @dataclass(frozen=True, eq=False)
 class Space:
     """Functions of the state and where to evaluate them.
 
     At a place modulo the prime what is dependent is so by proof; at a real one what is independent.
+    witness: a real place at which as much must be proven independent, and no more, as is modulo the prime.
     """
 
     equations: Equations
     place: Place
+    witness: Place | None = None
 
     def independent(self, matrix: ca.SX) -> tuple[int, ...]:
-        """Return the first independent rows of the matrix at the place. Raises TooLargeError, NoValueError."""
+        """Return the first independent rows of the matrix at the place. Raises TooLargeError, NoValueError, OtherBranchError."""
         if ca.n_nodes(matrix) > 4 * NODES:
             raise TooLargeError
         (matrix,) = without_repeats([matrix])
@@ -41,9 +47,18 @@ class Space:
             raise TooLargeError
         function, arguments = self.equations.function(matrix), (self.place.state, self.equations.values)
         if self.place.modular:
-            return independent_rows(values_modulo(function, arguments, self.place.arithmetic))
+            chosen = independent_rows(values_modulo(function, arguments, self.place.arithmetic))
+            if self.witness:
+                self._require_as_much(function, len(chosen))
+            return chosen
         rank = rank_at(function, arguments, range(matrix.shape[0]), confirmed=False)
         return tuple(sorted(rank.rows))
+
+    def _require_as_much(self, matrix: ca.Function, rank: int) -> None:
+        assert self.witness
+        shown = rank_at(matrix, (self.witness.state, self.equations.values), confirmed=False)
+        if shown.rank != rank:
+            raise OtherBranchError
 
     def telling(self, functions: ca.SX) -> tuple[int, ...]:
         """Return the first of the functions (k, 1) whose gradients are independent; earlier ones are preferred."""

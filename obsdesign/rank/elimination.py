@@ -14,8 +14,7 @@ from flint import arb
 from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS, is_finite
 from obsdesign.rank.graph import Instruction, NoValueError, evaluate, instructions
 from obsdesign.rank.numbers import Number, as_ball
-
-Rows = list[list[arb]]
+from obsdesign.rank.rows import Rows, cleared, exponent, orthonormal, scaled
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def _beyond(rows: Rows, eliminated: int, n: int, stages: Sequence[int] | None, m
     if not eliminated:
         return _eliminate(rows, n, stages, most)
     # numbers are scaled before the first elimination: rows by their size, so that thin means the same for all
-    rows = [_scaled(row, [_exponent(row)] * len(row)) for row in rows]
+    rows = [scaled(row, [exponent(row)] * len(row)) for row in rows]
     reduced, pivots, _ = _reduced(rows, range(eliminated), [0] * len(rows))
     left = [i for i in range(len(rows)) if i not in pivots.values()]
     all_entered = most is not None and len(pivots) == most.eliminated  # what is left of these columns is 0, by proof
@@ -155,9 +154,9 @@ def _is_free(entries: Sequence[arb], *, exactly: bool) -> bool:
 
 def _eliminate(rows: Rows, n: int, stages: Sequence[int], most: Bound | None) -> Rank:
     """Gauss-Jordan elimination with full pivoting within each stage, on rows and columns scaled by powers of 2."""
-    rows = [_scaled(row, [_exponent(row)] * n) for row in rows]
-    widths = [_exponent([row[j] for row in rows]) for j in range(n)]
-    rows, pivots, smallest = _reduced([_scaled(row, widths) for row in rows], range(n), stages)
+    rows = [scaled(row, [exponent(row)] * n) for row in rows]
+    widths = [exponent([row[j] for row in rows]) for j in range(n)]
+    rows, pivots, smallest = _reduced([scaled(row, widths) for row in rows], range(n), stages)
     free = [j for j in range(n) if j not in pivots]
     left = [rows[i][j].abs_upper() for i in range(len(rows)) if i not in pivots.values() for j in free]
     zeros = [rows[i][j].abs_upper() for i in pivots.values() for j in free if 0 in rows[i][j]]
@@ -173,7 +172,7 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int], most: Bound | None) ->
         columns=tuple(pivots),
         seen=seen,
         exact=all(size.is_zero() for size in zeros),
-        null_space=_orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
+        null_space=orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
     )
 
 
@@ -189,20 +188,9 @@ def _reduced(rows: Rows, columns: range, stages: Sequence[int]) -> tuple[Rows, d
     while pivot := _pivot(rows, pivots, columns, stages):
         row, column = pivot
         smallest = min(smallest, float(rows[row][column].abs_lower()))
-        rows = _cleared(rows, row, column)
+        rows = cleared(rows, row, column)
         pivots[column] = row
     return rows, pivots, smallest
-
-
-def _exponent(entries: Sequence[arb]) -> int:
-    """Return the least e with |entry| <= 2^e, as far as the entries exclude 0: balls around 0 are not blown up."""
-    mantissa, exponent = max((entry.abs_lower() for entry in entries), default=arb(0)).man_exp()
-    return int(exponent) + int(mantissa).bit_length()
-
-
-def _scaled(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
-    """Return the row with entry j divided by 2^exponents[j], exactly."""
-    return [entry * arb((1, -exponent)) for entry, exponent in zip(row, exponents, strict=True)]
 
 
 def _pivot(rows: Rows, pivots: Mapping[int, int], columns: range, stages: Sequence[int]) -> tuple[int, int] | None:
@@ -217,36 +205,8 @@ def _pivot(rows: Rows, pivots: Mapping[int, int], columns: range, stages: Sequen
     return None
 
 
-def _cleared(rows: Rows, row: int, column: int) -> Rows:
-    """Return the rows with the pivot made 1 and the rest of its column exactly 0."""
-    unit = [arb(1) if j == column else entry / rows[row][column] for j, entry in enumerate(rows[row])]
-    return [unit if i == row else other if other[column].is_zero() else _without(other, column, unit) for i, other in enumerate(rows)]
-
-
-def _without(other: list[arb], column: int, unit: list[arb]) -> list[arb]:
-    factor = other[column]
-    return [arb(0) if j == column else entry - factor * unit[j] for j, entry in enumerate(other)]
-
-
 def _null_vector(rows: Rows, pivots: Mapping[int, int], free: int, widths: Sequence[int]) -> list[arb]:
     """Return the vector (n,) that the pivots' rows annihilate with its free entry not 0, in units of the unscaled columns."""
     vector = [-rows[pivots[j]][free] if j in pivots else arb(int(j == free)) for j in range(len(widths))]
-    scaled = _scaled([arb(0) if 0 in entry else entry for entry in vector], widths)
-    return _scaled(scaled, [_exponent(scaled)] * len(scaled))
-
-
-def _orthonormal(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
-    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,), each entry to double precision."""
-    basis: list[list[arb]] = []
-    for vector in vectors:
-        rest = vector
-        for unit in basis:
-            share = _dot(unit, rest)
-            rest = [entry - share * other for entry, other in zip(rest, unit, strict=True)]
-        norm = _dot(rest, rest).sqrt()
-        basis.append([entry / norm for entry in rest])
-    return np.array([[float(vector[j]) for vector in basis] for j in range(n)]).reshape(n, len(vectors))
-
-
-def _dot(first: list[arb], second: list[arb]) -> arb:
-    return sum((a * b for a, b in zip(first, second, strict=True)), arb(0))
+    sized = scaled([arb(0) if 0 in entry else entry for entry in vector], widths)
+    return scaled(sized, [exponent(sized)] * len(sized))

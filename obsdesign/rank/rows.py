@@ -1,0 +1,63 @@
+"""Rows of balls: scaled by powers of 2, cleared of a column, made orthonormal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from flint import arb
+
+Rows = list[list[arb]]
+
+
+def exponent(entries: Sequence[arb]) -> int:
+    """Return the least e with |entry| <= 2^e, as far as the entries exclude 0: balls around 0 are not blown up."""
+    mantissa, exponent = max((entry.abs_lower() for entry in entries), default=arb(0)).man_exp()
+    return int(exponent) + int(mantissa).bit_length()
+
+
+def scaled(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
+    """Return the row with entry j divided by 2^exponents[j], exactly."""
+    return [entry * arb((1, -exponent)) for entry, exponent in zip(row, exponents, strict=True)]
+
+
+def cleared(rows: Rows, row: int, column: int) -> Rows:
+    """Return the rows with the pivot made 1 and the rest of its column exactly 0."""
+    unit = [arb(1) if j == column else entry / rows[row][column] for j, entry in enumerate(rows[row])]
+    return [unit if i == row else other if other[column].is_zero() else _without(other, column, unit) for i, other in enumerate(rows)]
+
+
+def _without(other: list[arb], column: int, unit: list[arb]) -> list[arb]:
+    factor = other[column]
+    return [arb(0) if j == column else entry - factor * unit[j] for j, entry in enumerate(other)]
+
+
+def orthonormal(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
+    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,), each entry to double precision."""
+    basis: list[list[arb]] = []
+    for vector in _apart(vectors):
+        rest = vector
+        for unit in basis:
+            share = _dot(unit, rest)
+            rest = [entry - share * other for entry, other in zip(rest, unit, strict=True)]
+        norm = _dot(rest, rest).sqrt()
+        basis.append([entry / norm for entry in rest])
+    return np.array([[float(vector[j]) for vector in basis] for j in range(n)]).reshape(n, len(vectors))
+
+
+def _apart(vectors: Sequence[list[arb]]) -> Rows:
+    """Return a basis of the same span in which each vector has an entry 1 where the others have 0.
+
+    Vectors that are all but parallel, (1, 1e-100, 0) and (1, 0, 1e-100), are told apart by that; by inner products only at twice
+    the digits.
+    """
+    rows = list(vectors)
+    for i in range(len(rows)):
+        row = rows[i]
+        rows = cleared(rows, i, max(range(len(row)), key=lambda j: row[j].abs_lower()))
+        rows = [scaled(each, [exponent(each)] * len(each)) for each in rows]
+    return rows
+
+
+def _dot(first: list[arb], second: list[arb]) -> arb:
+    return sum((a * b for a, b in zip(first, second, strict=True)), arb(0))
