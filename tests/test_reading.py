@@ -63,7 +63,7 @@ def test_residues_keep_the_relations_of_roots():
     assert first + combination(-a, -b, -c, -d) == 0
 
 
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 @given(st.integers(-2000, 2000), st.integers(1, 6))
 def test_multiples_of_pi_are_read_however_they_were_computed(k, part):
     meant = of_pi(Fraction(k * part, 12))
