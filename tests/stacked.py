@@ -11,7 +11,7 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 import obsdesign as od
-from obsdesign.simulation import held_along
+from obsdesign.simulation import held_along, substeps_along
 from obsdesign.step import step_of
 
 _BITS = 4000
@@ -120,7 +120,7 @@ def stacked(
     system: od.System, path: od.Trajectory, prior: od.Prior, psd: np.ndarray | None, unknown: Sequence[str]
 ) -> tuple[Stacked, np.ndarray]:
     """Of a system along a path, its steps and its noise at each place as they are; due (N, q): which output has a sample when."""
-    one, model = step_of(system.model, path.step), system.model
+    one, model = step_of(system.model, path.step, substeps_along(system, path)), system.model
     move = ca.Function("move", [one.x, one.held], [ca.densify(one.F), ca.densify(one.B_w)])
     moves = [[each.full() for each in move(x, held)] for x, held in zip(path.x[:-1], held_along(system, path), strict=True)]
     names = [signal.name for signal in model.unknown_inputs]

@@ -199,7 +199,9 @@ def test_windows_of_any_length_are_gramians_of_cut_paths(window: int, seed: int)
 
 @pytest.mark.parametrize("window", [0, -1, STEPS + 1, 2.5, "3", True])
 def test_a_window_is_counted_and_no_longer_than_the_path(window: object):
-    with pytest.raises(od.InputError, match=rf"window is {window!r}: must be a whole number from 1 to {STEPS}"):
+    with pytest.raises(
+        od.InputError, match=rf"window is {window!r}: must be a whole number" + (rf" from 1 to {STEPS}" if type(window) is int else "$")
+    ):
         od.sliding_information(DUBINS, flown(DUBINS), window)
 
 
@@ -285,8 +287,8 @@ def test_a_batch_spread_over_a_dask_cluster_has_the_same_bytes():
 
 GOOD = np.zeros((STEPS, 1))
 WRONG = {
-    "one start alone": ((START, GOOD), r"starts has shape \(5,\) for 5 systems: must be \(M, n\)"),
-    "no start": ((np.empty((0, 5)), GOOD), r"starts has shape \(0, 5\) for 0 systems: must be \(M, n\), M > 0"),
+    "one start alone": ((START, GOOD), r"starts has shape \(5,\): must be \(M, n\), M > 0"),
+    "no start": ((np.empty((0, 5)), GOOD), r"starts has shape \(0, 5\): must be \(M, n\), M > 0"),
     "other states": ((np.zeros((3, 4)), GOOD), "starts has 4 columns: must have 5 for x, y, heading, wind_x, wind_y"),
     "other inputs": ((np.zeros((3, 5)), np.zeros((STEPS, 2))), rf"u has shape \({STEPS}, 2\): must be \(N, 1\) or \(3, N, 1\)"),
     "inputs of other starts": (

@@ -15,7 +15,7 @@ from obsdesign import flight as flying
 from obsdesign.design.program import Program
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.sensors.abstract import AbstractSensor
-from obsdesign.simulation import readings
+from obsdesign.simulation import readings, substeps_along
 from obsdesign.validation import _draws, _Task
 
 ANYTHING = 1e6  # standard deviation of what nothing is known of
@@ -261,7 +261,12 @@ def along_the_path(case: Case) -> tuple[ExtendedKalmanFilter, Belief, np.ndarray
     on = due if case.active is None else due & case.active[:, list(system.model.output_owner)]
     y = readings(system, path.x[None, :-1]).y[0][:, None]
     noise = np.zeros((n, n)) if case.psd is None else np.diag(case.psd) * path.step
-    return ExtendedKalmanFilter(system, path.step, noise), Belief(path.x[:1], case.prior.covariance[None]), y, on
+    return (
+        ExtendedKalmanFilter(system, path.step, noise, substeps_along(system, path)),
+        Belief(path.x[:1], case.prior.covariance[None]),
+        y,
+        on,
+    )
 
 
 def filter_error(case: Case) -> float:
@@ -301,9 +306,11 @@ def test_step_by_step_the_filter_keeps_what_it_has_learned_of_the_errors(seed: i
 
 def test_the_program_of_a_design_for_one_sensor_of_two_outputs_has_the_information_of_its_path():
     system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0, correlation=0.9, bias_floor=0.5),))
-    problem = od.DesignProblem(system, (0.0, 0.0, 0.0, 1.0, 1.0), 10.0, 0.5, od.PiecewiseConstant(4), {"turn_rate": (-0.5, 0.5)})
+    start, bounds = (0.0, 0.0, 0.0, 1.0, 1.0), {"turn_rate": (-0.5, 0.5)}
+    # sub-steps are those of the bounds there, those of the inputs here: as exact as is asked, and no more alike than that
+    problem = od.DesignProblem(system, start, 10.0, 0.5, od.PiecewiseConstant(4), bounds, tolerance=1e-11)
     p = np.array([0.3, -0.2, 0.4, 0.1])
-    total = od.variational_gramian(system, od.simulate(system, problem.x0, np.repeat(p, 5)[:, None], 0.5)).total
+    total = od.variational_gramian(system, od.simulate(system, start, np.repeat(p, 5)[:, None], 0.5, tolerance=1e-11)).total
     assert np.linalg.eigvalsh(total)[0] > 0.1
     np.testing.assert_allclose(Program(problem).at(p).matrices[0], total, rtol=1e-9, atol=1e-9 * total.max())
 
@@ -344,7 +351,7 @@ def test_the_filter_reaches_the_bound_and_knows_how_well_it_does(name: str, sche
 def test_joint_errors_of_the_truth_have_their_covariance_at_each_instant_and_none_between():
     system = NOISY["joint"]
     path = od.simulate(system, np.zeros(5), np.zeros((4, 1)), 0.5)
-    task = _Task(system, path, od.Prior(path.x[0], std=np.ones(5)), np.ones((4, 2), dtype=bool), np.zeros((5, 0)), 1, range(4000))
+    task = _Task(system, path, od.Prior(path.x[0], std=np.ones(5)), np.ones((4, 2), dtype=bool), np.zeros((5, 0)), 1, range(4000), 1)
     flown = od.DesignProblem(system, np.zeros(5), 2.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.1, 0.1)})
     white = np.random.default_rng(2).standard_normal((4002, 3))
     spread = np.sqrt(np.diag(R_JOINT))
