@@ -192,12 +192,12 @@ def random_instances() -> list[str]:
     """Where nothing is smooth along a path."""
     cases = (
         ("K = 1,000, n = 15, 4 of 32 sensors, rank 2", (1000, 32, 15, 2), 4, 10.0, 1e-3),
-        ("K = 50, n = 5, 1 of 4 sensors, rank 1", (50, 4, 5, 1), 1, 30.0, 1e-2),
+        ("K = 50, n = 5, 1 of 4 sensors, rank 1", (50, 4, 5, 1), 1, 30.0, 1.3e-2),
     )
     rows = []
     for name, shape, per_segment, most, bar in cases:
         seconds, gaps = [], []
-        for seed in SEEDS[:2]:
+        for seed in SEEDS if shape[0] < 1000 else SEEDS[:2]:
             each = Honest(random_blocks(*shape, seed), per_segment)
             each.random(20)
             spent, found = each.solved(gap=0.9 * bar, time_limit=most)

@@ -20,16 +20,21 @@ _ROUNDS = 6  # of column generation for a front
 _FEW = 8  # fronts of fewer are not worth new duals
 _PRICED = 25  # times on the way through linked segments, where duals take long
 _STALLED = 250  # fronts without a better schedule, after which the whole effort is estimated
+_EARLY = 10  # fronts that settle what was out of the question anyway: no measure of how it goes on
 _HOPELESS = 20.0  # times the allowed effort
 
 
 @dataclass(frozen=True, eq=False)
 class Effort:
-    """Limits of a search: fronts that get duals of their own, partial schedules, and whether time is up."""
+    """Limits of a search: fronts that get duals of their own, partial schedules, whether time is up, and whether it stalls.
+
+    stalls: whether to leave off once so much (a share of 1) is settled of what the first fronts left.
+    """
 
     fronts: int
     nodes: int
     out_of_time: Callable[[], bool]
+    stalls: Callable[[float], bool]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +85,7 @@ def explored(
     state = np.array([walks.first])
     stack = [_Front(walks, (), state, walks.base[None], np.zeros((1, 0), np.int32), np.array([np.inf]), tuple(duals[-_PRICES:]), 1.0)]
     fronts = nodes = 0
-    settled = 0.0
+    settled = early = 0.0
     stride = max(1, len(walks.layers) // _PRICED) if walks.linked else 1
     while stack and fronts < effort.fronts and nodes < effort.nodes and not effort.out_of_time():
         front = stack.pop()
@@ -99,7 +104,9 @@ def explored(
         nodes += nodes_of
         settled += front.share - sum(each.share for each in grown)
         stack += grown
-        if fronts >= _STALLED and fronts > _HOPELESS * effort.fronts * max(settled, 1e-300):
+        early = settled if fronts <= _EARLY else early
+        hopeless = fronts >= _STALLED and fronts > _HOPELESS * effort.fronts * max(settled, 1e-300)
+        if hopeless or effort.stalls((settled - early) / max(1 - early, 1e-300)):
             break
     left = max((float(front.bound.max()) for front in stack), default=-np.inf)
     return Explored(chosen, value, max(left, bar(value, gap, instance)), fronts, nodes, not stack)

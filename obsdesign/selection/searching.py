@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from time import perf_counter
 from typing import Literal
 
 import numpy as np
@@ -24,6 +25,7 @@ _NEAR = (40, 100)  # undecided segments of the first searches
 _MANY_DIRECTIONS, _FEW_CHOICES = 80, 400
 _LATEST = 12  # columns among which the best one is polished, too
 _NODES = 4_000_000
+_OWN = 0.15  # of the time: what branch and bound has in any case, where an integer program can finish
 _LISTED = 400  # choices K S, beyond which the schedules are not counted
 _DRAWN = ((400, 16), (4000, 6), (40_000, 1), (1 << 62, 0))  # choices K S, and how many roundings are drawn beside the best one
 
@@ -37,6 +39,32 @@ class Wanted:
     time_limit: float | None
     seed: int
     fronts: int = _FRONTS
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When a call began and when it ends [s], inf: never; finishes: whether something else finishes what branch and bound leaves."""
+
+    began: float
+    ends: float
+    finishes: bool = False
+
+    def left(self) -> float:
+        """Return the seconds that are left."""
+        return self.ends - perf_counter()
+
+    def is_up(self) -> bool:
+        """Return whether time is up."""
+        return perf_counter() > self.ends
+
+    def is_over(self) -> bool:
+        """Return whether the time that branch and bound has in any case is over."""
+        turn = self.began + _OWN * (self.ends - self.began) if self.finishes else self.ends
+        return perf_counter() > turn
+
+    def stalls(self, since: float, settled: float) -> bool:
+        """Return whether something else should go on: with such a share done since then, not all is done in time."""
+        return self.finishes and self.is_over() and perf_counter() - since > settled * (self.ends - since)
 
 
 def worth_searching(instance: Instance) -> bool:
@@ -54,7 +82,7 @@ class Answer:
     nodes: int = 0
 
 
-def incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wanted, out_of_time: Callable[[], bool]) -> Answer:
+def incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Wanted, clock: Clock) -> Answer:
     """The best of the columns and of roundings of the relaxation, polished."""
     random = np.random.default_rng(wanted.seed)
     drawn = next(count for most, count in _DRAWN if np.prod(instance.shape) <= most)
@@ -66,23 +94,23 @@ def incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Want
         columns = [each.chosen for each in found.columns[-_LATEST:] if instance.keeps_limits(each.chosen)]
         rounded += sorted(columns, key=instance.value)[-1:]
     for start in rounded:
-        if closed(best.value, found.bound, wanted.gap, instance) or (best.chosen.any() and out_of_time()):
+        if closed(best.value, found.bound, wanted.gap, instance) or (best.chosen.any() and clock.is_up()):
             break
         chosen, value = polished(instance, start, found.dual, found.bound)
         best = Answer(chosen, value, found.bound) if value > best.value else best
     return best
 
 
-def searched(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, out_of_time: Callable[[], bool]) -> Answer:
+def searched(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, clock: Clock) -> Answer:
     """Branch and bound among the schedules near the best one for the dual, which it often proves the best of these."""
     duals = [dual for dual, _ in sorted(found.met, key=lambda each: each[1])[:_DUALS]]
     for count in _NEAR:
         fronts, most = 0, min(2 * count, wanted.fronts // 4)
-        while fronts < most and not out_of_time() and not closed(answer.value, answer.bound, wanted.gap, instance):
+        while fronts < most and not clock.is_over() and not closed(answer.value, answer.bound, wanted.gap, instance):
             walks = nearby(instance, found.dual, found.bound, count, bar(answer.value, wanted.gap, instance))
             if walks is None:
                 break
-            effort = Effort(most - fronts, _NODES, out_of_time)
+            effort = Effort(most - fronts, _NODES, clock.is_over, lambda _: False)
             result = explored(instance, walks, duals, (answer.chosen, answer.value), wanted.gap, effort)
             fronts += max(result.fronts, 1)
             if result.value <= answer.value:
@@ -96,7 +124,7 @@ def _better(instance: Instance, found: Relaxed, result: Explored) -> Answer:
     return Answer(chosen, value, found.bound) if value > result.value else Answer(result.chosen, result.value, found.bound)
 
 
-def proven(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, out_of_time: Callable[[], bool]) -> Answer:
+def proven(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, clock: Clock) -> Answer:
     """Branch and bound, anew after every better schedule."""
     duals = sorted(found.met, key=lambda each: each[1])[:_DUALS]
     fronts = 0
@@ -104,7 +132,7 @@ def proven(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, o
         walks = walks_of(instance, duals, bar(answer.value, wanted.gap, instance))
         if walks is None:
             return answer
-        effort = Effort(wanted.fronts - fronts, _NODES - answer.nodes, out_of_time)
+        effort = Effort(wanted.fronts - fronts, _NODES - answer.nodes, clock.is_up, partial(clock.stalls, perf_counter()))
         result = explored(instance, walks, [dual for dual, _ in duals], (answer.chosen, answer.value), wanted.gap, effort)
         fronts, nodes = fronts + result.fronts, answer.nodes + result.nodes
         if result.value <= answer.value:

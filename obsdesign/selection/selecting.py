@@ -16,7 +16,8 @@ from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.selection.certifying import certified, failed, hidden_schedule, refused
-from obsdesign.selection.columns import Relaxed, mixture_of, relaxed, seen_through
+from obsdesign.selection.columns import Relaxed, closed, mixture_of, relaxed, seen_through
+from obsdesign.selection.cuts import cut, cuttable, note_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
 from obsdesign.selection.interior import centred, serves
@@ -25,6 +26,7 @@ from obsdesign.selection.rounding import purified
 from obsdesign.selection.schedule import Schedule, require_blocks
 from obsdesign.selection.searching import (
     Answer,
+    Clock,
     Method,
     Wanted,
     few,
@@ -67,7 +69,8 @@ def select_sensors(
 
     method "auto": dual column generation, rounding and exchange, branch and bound, until the gap is closed or so much work is done
     (the same on every machine); "columns": without branch and bound; "direct": the relaxation by CVXPY and Clarabel in one piece,
-    without branch and bound, a second opinion for small problems. time_limit [s] stops any of them with what it has.
+    without branch and bound, a second opinion for small problems. time_limit [s] stops any of them with what it has; where branch and
+    bound would not be done by then, an integer program (HiGHS) goes on from a sixth of that time, and notes say whose bound it is.
     Status OPTIMAL when gap is reached, else GAP_OPEN.
 
     Raises InputError for bad blocks and for rules that leave no choice, SolveError when no solver has an answer (throw=False: the
@@ -95,11 +98,8 @@ def without_sensors(instance: Instance, lost: tuple[int, ...]) -> Instance:
 
 def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Wanted, throw: bool, first: tuple[Dual, ...] = ()) -> Schedule:
     """Return the schedule of a problem; first: duals of a problem like it."""
-    ends = np.inf if wanted.time_limit is None else perf_counter() + wanted.time_limit
-
-    def out_of_time() -> bool:
-        return perf_counter() > ends
-
+    began = perf_counter()
+    clock = Clock(began, np.inf if wanted.time_limit is None else began + wanted.time_limit)
     hidden = instance.hidden(instance.schedules.available)
     if hidden.any():
         return hidden_schedule(instance, hidden, throw)
@@ -111,12 +111,17 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
             raise SolveError("sensor selection", Status.NUMERICAL_ERROR)
         return failed(instance)
     whole = purified(instance, found)
-    answer = incumbent(instance, found, whole, wanted, out_of_time)
+    answer = incumbent(instance, found, whole, wanted, clock)
     if wanted.method == "auto" and (listed := few(instance)) is not None:
         answer = tried_all(instance, found, listed, answer, wanted)
     elif wanted.method == "auto" and worth_searching(instance):
-        answer = searched(instance, found, answer, wanted, out_of_time)
-        answer = proven(instance, found, answer, wanted, out_of_time)
+        clock = replace(clock, finishes=wanted.time_limit is not None and cuttable(instance))
+        answer = searched(instance, found, answer, wanted, clock)
+        answer = proven(instance, found, answer, wanted, clock)
+        if clock.finishes and not closed(answer.value, answer.bound, wanted.gap, instance):
+            result = cut(instance, found, (answer.chosen, answer.value), wanted.gap, clock.left)
+            notes = (*notes, note_of(result)) if result.bound < answer.bound else notes
+            answer = Answer(result.chosen, result.value, min(answer.bound, result.bound), answer.nodes)
     _require_information(instance, rules, answer)
     if not np.isfinite(answer.value):
         return refused(instance, throw)
