@@ -210,4 +210,4 @@ def _margin(problem: DesignProblem, truth: np.ndarray, u: np.ndarray) -> float:
     )
     if not always:
         return float("inf")
-    return float(nodes_of(problem.system.model, always, ()).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))
+    return float(nodes_of(problem.system.model, always).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))

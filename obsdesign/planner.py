@@ -26,7 +26,7 @@ from obsdesign.design.ascent import FEASIBLE, Limits, Warm, climb
 from obsdesign.design.ascent import ITERATIONS as TO_THE_END
 from obsdesign.design.choosing import objective_of
 from obsdesign.design.climbing import families_of
-from obsdesign.design.limits import ALLOWED, Shortfall, fine_margins, rows_of, shortfalls, tightened
+from obsdesign.design.limits import ALLOWED, Shortfall, fine_margins, rows_of, shortfalls, spent, tightened
 from obsdesign.design.nodes import nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Multipliers, Program, Rows
@@ -289,7 +289,7 @@ class _Mission:
         kept, broken = list(self.limits(memory).values()), []
         if not kept:
             return (), np.zeros(0), ()
-        functions = nodes_of(self.problem.system.model, tuple(kept), ())
+        functions = nodes_of(self.problem.system.model, tuple(kept))
         margins, owner = functions.values(path.x, np.vstack([path.u, path.u[-1:]])), np.array(functions.owner)
         for i, each in enumerate(kept):
             lowest = margins[:, owner == i].min(axis=1, initial=inf)
@@ -307,7 +307,7 @@ class _Mission:
     def _budgets(self, memory: Memory) -> tuple[Budget, ...]:
         """Return what is left of each budget; next to nothing of one that is used up."""
         pairs = zip(self.problem.budgets, memory.spent, strict=True)
-        return tuple(replace(each, at_most=max(each.at_most - spent, 1e-9 * each.at_most)) for each, spent in pairs)
+        return tuple(replace(each, at_most=max(each.at_most - used, 1e-9 * each.at_most)) for each, used in pairs)
 
     def _moved_on(self, previous: Plan, steps: int) -> Memory:
         """Return a plan's memory so many steps later."""
@@ -315,8 +315,8 @@ class _Mission:
         rows = None if memory.rows is None else replace(memory.rows, node=memory.rows.node - steps)
         later = replace(memory, gone=memory.gone + steps, by=memory.by + steps, rows=rows)
         if self.shrinks:
-            met, spent = self._accounts(previous, steps)
-            return replace(later, by=min(later.by, problem.steps - 1), met=met, spent=spent)
+            met, totals = self._accounts(previous, steps)
+            return replace(later, by=min(later.by, problem.steps - 1), met=met, spent=totals)
         whole = later.by // self.period * self.period
         if not whole:
             return later
@@ -330,8 +330,7 @@ class _Mission:
         if not flown or not (problem.budgets or any(each.span.anywhere for each in problem.constraints)):
             return memory.met, memory.spent
         part = path.part(0, flown)
-        costs = nodes_of(problem.system.model, (), tuple(each.cost for each in problem.budgets)).values(part.x[:-1], part.u)
-        spent = np.array(memory.spent) + costs.sum(axis=0) * problem.step
+        totals = np.array(memory.spent) + spent(problem, part, tuple(each.cost for each in problem.budgets))
         fine, met = fine_margins(problem, part), set(memory.met)
         t, owner = memory.gone * problem.step + fine.t, np.array(fine.nodes.owner)
         for i, each in enumerate(problem.constraints):
@@ -339,7 +338,7 @@ class _Mission:
             within = (t >= first - 1e-9) & (t <= last + 1e-9)
             if each.span.anywhere and (fine.margins[np.ix_(within, owner == i)].min(axis=1, initial=inf) >= -ALLOWED).any():
                 met.add(i)
-        return frozenset(met), tuple(spent.tolist())
+        return frozenset(met), tuple(totals.tolist())
 
 
 def _knowing(problem: DesignProblem, x: np.ndarray, prior: Prior | ArrayLike | None) -> dict[str, Any]:

@@ -663,7 +663,7 @@ def test_costs_along_a_path_add_up_to_its_time_and_length():
     assert np.sum(PathLength().rate(along)) * step == pytest.approx(10 * math.pi, rel=1e-7)
     assert np.sum(Effort({"turn_rate": 3.0}).rate(along)) * step == pytest.approx(3 * turn**2 * 20, rel=1e-12)
     at_rest = Moment({"x": 0 * t}, {"x": 0 * t, "y": 0 * t}, {})
-    assert 0 <= np.sum(PathLength().rate(at_rest)) * step <= 20 * 1.001e-4
+    assert 0 <= np.sum(PathLength().rate(at_rest)) * step <= 20 * 1.001e-6
 
 
 def test_a_check_with_plain_numbers_loads_no_heavy_library():

@@ -647,9 +647,12 @@ BRISK: dict[str, Any] = {
 
 
 def length_of(design: od.Design) -> float:
-    """Length over ground, with the velocity at the beginning of each step."""
-    speed, heading, wind = design.trajectory.u[:, 0], design.trajectory.x[:-1, 2], design.trajectory.x[:-1, 3:]
-    return float(np.hypot(speed * np.cos(heading) + wind[:, 0], speed * np.sin(heading) + wind[:, 1]).sum() * design.problem.step)
+    """Length over ground, by the midpoints of 1,000 parts of every step with the heading where it is in each."""
+    path, step = design.trajectory, design.problem.step
+    speed, wind = path.u[:, :1], path.x[:-1, 3:]
+    heading = path.x[:-1, 2:3] + path.u[:, 1:2] * step * (np.arange(1000) + 0.5) / 1000
+    velocity = speed * np.cos(heading) + wind[:, :1], speed * np.sin(heading) + wind[:, 1:]
+    return float(np.hypot(*velocity).mean(axis=1).sum() * step)
 
 
 def effort_of(design: od.Design) -> float:

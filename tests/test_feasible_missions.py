@@ -18,6 +18,7 @@ from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.climbing import Climbed, Task, climbed
 from obsdesign.design.feasibility import sought
 from obsdesign.design.infeasibility import why_unreachable
+from obsdesign.design.limits import is_feasible, shortfalls, spent
 
 SHARE = 1e-6  # of a limit's own size by which it may be missed
 Random = np.random.Generator
@@ -286,6 +287,48 @@ def test_a_budget_that_leaves_room_for_a_straight_line_alone_is_met_by_one():
     assert np.abs(np.cumsum(design.trajectory.u)).max() * 0.5 < 1e-2
     path = flown(problem, design.trajectory.u, FINEST)
     assert missed_at(problem.constraints[0], path) <= SHARE
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_a_budget_of_length_is_kept_by_the_path_itself_however_coarse_the_steps(share: float):
+    """Speed and heading change within steps of 1.5 s, and so does ground speed in wind: its sum at their beginnings is off by 1e-2."""
+    system = od.System(od.Unicycle(wind="constant"), (od.GPS(2.0), od.Magnetometer(0.2)))
+    bounds = {"speed": (1.0, 2.0), "turn_rate": (-0.6, 0.6)}
+    longest = 24 * 2.0
+    budget = od.Budget(od.PathLength(), share * longest)
+    given: dict[str, Any] = {"system": system, "start": [0.0, 0.0, 0.3, 0.5, -0.4], "duration": 24.0, "step": 1.5, "bounds": bounds}
+    problem = od.DesignProblem(**given, path=od.PiecewiseConstant(8), scale=[5.0, 5.0, 0.3, 0.2, 0.2], budgets=(budget,))
+    path = od.design_trajectory(problem, starts=1).trajectory
+    assert path is not None
+    speed, turn, seconds = path.u[:, :1], path.u[:, 1:], 1.5 * (np.arange(2000) + 0.5) / 2000
+    heading = 0.3 + 1.5 * np.append(0.0, np.cumsum(turn)[:-1])[:, None] + turn * seconds
+    length = float(np.hypot(speed * np.cos(heading) + 0.5, speed * np.sin(heading) - 0.4).mean(axis=1).sum() * 1.5)
+    assert length <= budget.at_most * (1 + SHARE)
+    left = float(np.hypot(speed[:, 0] * np.cos(path.x[:-1, 2]) + 0.5, speed[:, 0] * np.sin(path.x[:-1, 2]) - 0.4).sum() * 1.5)
+    assert abs(left / length - 1) > 1e-4  # so that a left sum would not do
+    np.testing.assert_allclose(spent(problem, path, (budget.cost,)), length, rtol=1e-7)
+
+
+@pytest.mark.parametrize("speed", [1e-3, 1e4])
+def test_a_budget_of_length_is_exact_at_any_speed(speed: float):
+    """At constant speed the length is speed times duration whatever the turns: room of 1e-6 of it is room."""
+    system = od.System(od.Dubins(speed), (od.Range((50 * speed, 40 * speed), speed), od.GPS(speed)))
+    budget = od.Budget(od.PathLength(), 10 * speed * (1 + 1e-6))
+    path = od.PiecewiseConstant(5)
+    problem = asked(system, duration=10.0, step=1.0, path=path, scale=[5 * speed, 5 * speed, 0.3], budgets=(budget,))
+    assert od.design_trajectory(problem, starts=1).status is od.Status.LOCALLY_OPTIMAL
+
+
+@pytest.mark.parametrize("family", [od.PiecewiseConstant(4), od.BSpline(6)], ids=["pieces", "spline"])
+def test_a_path_that_changes_too_fast_keeps_not_all_limits(family: Any):
+    """What no climb has made, such as a path to fall back on, is judged as well: by its family, or from step to step."""
+    problem = asked(path=family, rates={"turn_rate": 0.05})
+    within = np.asarray(family.inputs(np.linspace(-0.1, 0.1, len(family.box(problem.grid)[0])), problem.grid), dtype=float).reshape(-1, 1)
+    abrupt = np.where(np.arange(problem.steps) < 11, -0.1, 0.1)[:, None]
+    assert is_feasible(problem, od.simulate(problem.system, problem.x0, within, problem.step))
+    (short,) = shortfalls(problem, od.simulate(problem.system, problem.x0, abrupt, problem.step))
+    assert (short.what, short.time, short.unit) == ("turn_rate changing by at most 0.05 rad/s/s", 5.5, "rad/s/s")
+    assert short.by == pytest.approx(0.2 / 0.5 - 0.05)
 
 
 def test_what_is_not_proven_says_in_how_many_starts_none_was_found_and_what_would_do():

@@ -74,7 +74,12 @@ def require_honest(plan: Plan, x: Any, problem: od.DesignProblem = PROBLEM) -> N
     np.testing.assert_allclose(path.x, od.simulate(SYSTEM, path.x[0], path.u, problem.step).x, atol=1e-12)
     if plan.feasible:
         np.testing.assert_array_equal(path.x[0], np.asarray(x, dtype=float))
-        assert is_feasible(problem, path)
+        # rates are those of the family, of which a path from the middle of a piece on is none: levels of pieces, each so many seconds
+        assert is_feasible(replace(problem, rates={}), path)
+        piece = problem.longest / problem.path.pieces if isinstance(problem.path, od.PiecewiseConstant) else problem.step
+        for name, limit in problem.rates.items():
+            change = np.abs(np.diff(path.u[:, problem.system.model.input_names.index(name)]))
+            assert change.max(initial=0.0) <= limit * piece * (1 + 1e-6)
     else:
         assert plan.reason
 

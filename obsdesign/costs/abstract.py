@@ -8,7 +8,7 @@ from obsdesign.moment import Coordinate, Moment
 
 
 class AbstractCost(ABC):
-    """The sum of rate_k * step over the steps of a path. Leaves are final frozen dataclasses, one file each; str() names one."""
+    """The integral of a rate over time along a path. Leaves are final frozen dataclasses, one file each; str() names one."""
 
     @property
     @abstractmethod

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from obsdesign.costs.abstract import AbstractCost
 from obsdesign.moment import Coordinate, Moment
 
-_SOFT = 1e-4  # [m/s]
+_SOFT = 1e-6  # [m/s]
 
 
 @dataclass(frozen=True)
 class PathLength(AbstractCost):
     """rate = sqrt((dx/dt)^2 + (dy/dt)^2 + s^2); the sum is the length over ground [m].
 
-    s = 0.0001 m/s gives it a derivative at rest; it is too long by at most s per second, at 1 m/s by 5e-9 of the length.
+    s = 1e-6 m/s gives it a derivative at rest; it is too long by at most s per second, at 1 mm/s by 5e-7 of the length.
     """
 
     def __str__(self) -> str:

@@ -16,6 +16,7 @@ from obsdesign.trajectory import Trajectory
 
 FINER, _FINEST = 10, 160  # steps of the check for one step of the path: at first, and at most
 _EXACT = 1e-8  # what integration may add to a margin of order 1
+_CLOSE = 1e-5  # a path whose margins differ by less from those of steps a tenth as long, 10^4 times as exact, needs no finer ones
 _ROUGH = 1e-6  # by how much polynomials of third and fifth degree may differ before an interval is halved
 _NEAR = 1e-2  # lower bounds of margins below this are looked into
 _HALVINGS = 12
@@ -73,16 +74,16 @@ class Fine:
         from that of third degree by far more than from the margin itself: intervals are halved until these two agree to 1e-6.
         """
         within, low, high = stretches(self.t[:-1], self.h, *self._window(span))
-        found = []
-        for j in mine:
-            begin, end = (side[:, within, j] for side in self.ends)
-            bound = np.minimum(begin[0], end[0]) - self.h * np.maximum(np.abs(begin[1]), np.abs(end[1]))
-            looked_into = np.flatnonzero(bound < max(_NEAR, float(bound.min()) + 1e-12))
-            chosen = within[looked_into]
-            tau, value = self._least(chosen, int(j), low[looked_into], high[looked_into])
-            at_end = tau >= self.h * (1 - 1e-9)
-            found += [Low(int(j), float(self.t[chosen[k]] + tau[k]), float(value[k]), bool(at_end[k])) for k in _local(chosen, value)]
-        return found
+        begin, end = (side[:2, within][:, :, mine] for side in self.ends)
+        bound = np.minimum(begin[0], end[0]) - self.h * np.maximum(np.abs(begin[1]), np.abs(end[1]))
+        which, at = np.nonzero((bound < np.maximum(_NEAR, bound.min(axis=0) + 1e-12)).T)
+        chosen, margin = within[at], mine[which]
+        tau, value = self._least(chosen, margin, low[at], high[at])
+        at_end = tau >= self.h * (1 - 1e-9)
+        return [
+            Low(int(margin[k]), float(self.t[chosen[k]] + tau[k]), float(value[k]), bool(at_end[k]))
+            for k in _local(chosen + which * (len(self.t) + 1), value)
+        ]
 
     def best(self, mine: np.ndarray, span: Span) -> Low:
         """Return when, within a span, the least of the margins `mine` is largest."""
@@ -94,13 +95,13 @@ class Fine:
         first, last = (self.t[-1] if time is None else min(time, self.t[-1]) for time in (span.first, span.last))
         return float(first), float(last)
 
-    def _least(self, which: np.ndarray, j: int, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """When (seconds after they begin) a margin is least in intervals, each from low to high, and what it is then."""
-        begin, end = (side[:, which, j] for side in self.ends)
+    def _least(self, which: np.ndarray, margin: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """When (seconds after they begin) margins (K,) are least in intervals (K,), each from low to high, and what they are then."""
+        begin, end = (side[:, which, margin] for side in self.ends)
         share, value, error = _minimum(begin, end, np.full(len(which), self.h), low / self.h, high / self.h)
         tau = share * self.h
         for k in np.flatnonzero((error > _ROUGH) & (value - error < _NEAR)):
-            tau[k], value[k] = self._halved(int(which[k]), j, float(low[k]), float(high[k]))
+            tau[k], value[k] = self._halved(int(which[k]), int(margin[k]), float(low[k]), float(high[k]))
         return tau, value
 
     def _halved(self, i: int, j: int, low: float, high: float) -> tuple[float, float]:
@@ -125,14 +126,15 @@ class Fine:
 def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:
     """Return a path integrated ten times as finely, or finer, until its margins at the nodes are exact to 1e-8 by Richardson's rule."""
     model = problem.system.model
-    nodes = nodes_of(model, problem.constraints, ())
+    nodes = nodes_of(model, problem.constraints)
     instants, finer = instants_of(model, problem.constraints), FINER
-    coarse = _refined(problem, path, finer // 2)
-    while True:
-        fine = _refined(problem, path, finer)
-        if finer >= _FINEST or _differ(instants, path, coarse[:: finer // 2], fine[::finer]) <= 15 * _EXACT:
-            return Fine(instants, nodes, np.arange(len(fine)) * (path.step / finer), fine, np.repeat(path.u, finer, axis=0))
+    _, fine, u = refined(problem, path, finer)
+    near = _differ(instants, path, path.x, fine[::finer]) <= _CLOSE
+    coarse = fine if near else refined(problem, path, finer // 2)[1]
+    while not near and finer < _FINEST and _differ(instants, path, coarse[:: finer // 2], fine[::finer]) > 15 * _EXACT:
         coarse, finer = fine, 2 * finer
+        _, fine, u = refined(problem, path, finer)
+    return Fine(instants, nodes, np.arange(len(fine)) * (path.step / finer), fine, u)
 
 
 def _differ(instants: Instants, path: Trajectory, one: np.ndarray, other: np.ndarray) -> float:
@@ -143,11 +145,14 @@ def _differ(instants: Instants, path: Trajectory, one: np.ndarray, other: np.nda
     return float(np.abs(first - second)[first < 1.0].max(initial=0.0))
 
 
-def _refined(problem: DesignProblem, path: Trajectory, finer: int) -> np.ndarray:
-    """States (finer N + 1, n), of at least as many sub-steps as the path itself is made of."""
+def refined(problem: DesignProblem, path: Trajectory, finer: int) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return shorter steps [s] along a path, so many for each of its own: states (finer N + 1, n), inputs (finer N, m).
+
+    They are made of at least as many sub-steps as the path itself.
+    """
     substeps = -(-substeps_along(problem.system, path) // finer)
     u = np.repeat(path.u, finer, axis=0)
-    return states_from(problem.system, path.x[:1], u, path.step / finer, substeps=substeps)[0]
+    return path.step / finer, states_from(problem.system, path.x[:1], u, path.step / finer, substeps=substeps)[0], u
 
 
 def _minimum(

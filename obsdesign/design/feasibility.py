@@ -109,7 +109,7 @@ def _missed(problem: DesignProblem, every: np.ndarray) -> np.ndarray:
     costs = tuple(budget.cost for budget in problem.budgets)
     if not constraints and not costs:
         return np.zeros((len(every), 1))
-    functions, owner = nodes_of(problem.system.model, constraints, costs), None
+    functions, owner = nodes_of(problem.system.model, constraints, costs, (problem.step, problem.substeps)), None
     owner, found = np.array(functions.owner), []
     size = max(1, _STATES // (grid.steps + 1))
     for first in range(0, len(every), size):

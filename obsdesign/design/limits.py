@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.between import Low, fine_margins
+from obsdesign.costs.abstract import AbstractCost
+from obsdesign.design.between import FINER, Low, fine_margins, refined
 from obsdesign.design.nodes import nodes_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.rows import node_margins, rows_of, tightened
@@ -25,6 +26,7 @@ __all__ = (
     "price_of",
     "rows_of",
     "shortfalls",
+    "spent",
     "tightened",
 )
 
@@ -58,6 +60,7 @@ def shortfalls(problem: DesignProblem, path: Trajectory) -> tuple[Shortfall, ...
     found = [
         *_constraint_shortfalls(problem, path),
         *_input_shortfalls(problem, path),
+        *_rate_shortfalls(problem, path),
         *_budget_shortfalls(problem, path),
         *_floor_shortfalls(problem, path),
     ]
@@ -71,7 +74,7 @@ def is_feasible(problem: DesignProblem, path: Trajectory) -> bool:
 
 @np.errstate(invalid="ignore", over="ignore")  # a path may be absurd: what is no number is no margin
 def _constraint_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
-    if not nodes_of(problem.system.model, problem.constraints, ()).owner:  # limits may limit nothing
+    if not nodes_of(problem.system.model, problem.constraints).owner:  # limits may limit nothing
         return []
     fine, found = fine_margins(problem, path), []
     for i, constraint in enumerate(problem.constraints):
@@ -98,13 +101,37 @@ def _input_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfal
     return found
 
 
-def _budget_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
-    if not problem.budgets:
+def _rate_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
+    """Rates of change: those between neighbouring steps, or those of the family where the inputs are of it and these are less."""
+    found, steps = [], np.abs(np.diff(path.u, axis=0)) / path.step
+    limits = np.array([problem.rates.get(signal.name, np.inf) for signal in problem.system.model.inputs])
+    if not (steps > limits * (1 + ALLOWED)).any():
         return []
-    costs = nodes_of(problem.system.model, (), tuple(budget.cost for budget in problem.budgets))
-    totals = costs.values(path.x[:-1], path.u).sum(axis=0) * path.step
+    of_family = _family_rates(problem, path.u)
+    for j in np.flatnonzero(np.minimum(steps.max(axis=0), of_family) > limits * (1 + ALLOWED)):
+        signal, limit, k = problem.system.model.inputs[j], limits[j], int(steps[:, j].argmax())
+        rate, unit = float(min(steps[k, j], of_family[j])), f"{signal.unit}/s"
+        what = f"{signal.name} changing by at most {limit:g} {unit}"
+        found.append(Shortfall(what, float(path.t[k + 1]), float(rate - limit), unit, float(1 - rate / limit)))
+    return found
+
+
+def _family_rates(problem: DesignProblem, u: np.ndarray) -> np.ndarray:
+    """The largest rate of change of each input (m,) by the problem's family, inf where u (N, m) is none of it."""
+    grid, none = problem.grid, np.full(u.shape[1], np.inf)
+    if len(u) != grid.steps:
+        return none
+    p = problem.path.fit(u, grid)
+    same = np.array(problem.path.inputs(p, grid), dtype=float).reshape(u.shape)  # pyright: ignore[reportArgumentType]  # serves both kinds
+    if not (np.abs(same - u) <= ALLOWED * (problem.upper - problem.lower)).all():
+        return none
+    rates = np.array(problem.path.rates(p, grid), dtype=float)  # pyright: ignore[reportArgumentType]
+    return np.abs(rates).max(axis=0, initial=0.0)
+
+
+def _budget_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
     found = []
-    for budget, total in zip(problem.budgets, totals, strict=True):
+    for budget, total in zip(problem.budgets, spent(problem, path, tuple(budget.cost for budget in problem.budgets)), strict=True):
         margin = 1 - total / budget.at_most
         if margin < -ALLOWED:
             what = f"{budget.cost} at most {budget.at_most:g} {budget.cost.unit}".rstrip()
@@ -132,9 +159,16 @@ def price_of(problem: DesignProblem, path: Trajectory) -> float:
     """Return what the criterion loses to prices along a path."""
     if not problem.prices:
         return 0.0
-    costs = nodes_of(problem.system.model, (), tuple(price.cost for price in problem.prices))
-    totals = costs.values(path.x[:-1], path.u).sum(axis=0) * path.step
+    totals = spent(problem, path, tuple(price.cost for price in problem.prices))
     return float(np.array([price.per_unit for price in problem.prices]) @ totals)
+
+
+def spent(problem: DesignProblem, path: Trajectory, costs: tuple[AbstractCost, ...]) -> np.ndarray:
+    """Return what costs (c,) come to along a path, integrated within tenths of its steps."""
+    if not costs:
+        return np.zeros(0)
+    step, x, u = refined(problem, path, FINER)
+    return nodes_of(problem.system.model, (), costs, (step, 1)).values(x[:-1], u).sum(axis=0) * step
 
 
 def _value(low: Low) -> float:

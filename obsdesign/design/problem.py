@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from obsdesign.accuracy import substeps_from
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, require_tolerance
 from obsdesign.constraints.abstract import AbstractConstraint
@@ -149,6 +150,12 @@ class DesignProblem:
 
         Enough for all inputs within the bounds where the graph tells, else for each input held at either bound and in the middle.
         """
+        p = len(self.system.model.unknown_inputs)
+        with suppress(InputError):
+            extremes = np.hstack([np.vstack([self.lower, self.upper]), np.zeros((2, p))])
+            by_structure = substeps_from(self.system.model, self.x0[None], extremes, self.step, self.tolerance)
+            if by_structure is not None:
+                return int(by_structure[0])
         grid, inputs = self.grid, np.array(list(zip(self.lower, self.upper, strict=True))).reshape(-1, 2)
         held = [grid.centre, *(np.where(np.arange(len(inputs)) == j, side, grid.centre) for j, pair in enumerate(inputs) for side in pair)]
         counts = [1]

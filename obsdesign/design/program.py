@@ -46,7 +46,7 @@ class Program(AbstractProgram):
         self.lower, self.upper = problem.path.box(problem.grid)
         self._inputs = inputs_of(problem.path, problem.grid)
         costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
-        self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs) if problem.constraints or costs else None
+        self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs, pace) if problem.constraints or costs else None
         self.rows = NO_ROWS if rows is None else rows
         # the path itself comes first; draws of the prior, where there are any, are judged in its place
         robust = problem.robust if self._is_judged else None

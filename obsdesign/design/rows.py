@@ -22,7 +22,7 @@ _MOST = 40  # instants of one margin that are asked for at once
 
 def rows_of(problem: DesignProblem) -> Rows:
     """Return which margins must hold when: at the nodes within each limit's time, and at its beginning and end."""
-    functions, step = nodes_of(problem.system.model, problem.constraints, ()), problem.step
+    functions, step = nodes_of(problem.system.model, problem.constraints), problem.step
     if not functions.owner:  # limits that limit nothing, such as a distance from landmarks where there are none
         return NO_ROWS
     owner, of_inputs = np.array(functions.owner), np.array(functions.of_inputs)
@@ -107,7 +107,7 @@ def _chosen(
 
 def node_margins(problem: DesignProblem, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return the margins that must hold at the nodes of states x (N+1, n) with inputs u (N, m), and at the ends of limits' times."""
-    values = nodes_of(problem.system.model, problem.constraints, ()).values(x, np.vstack([u, u[-1:]]))
+    values = nodes_of(problem.system.model, problem.constraints).values(x, np.vstack([u, u[-1:]]))
     return placed(problem, rows_of(problem), x, u, values).values
 
 
@@ -138,7 +138,7 @@ def tightened(problem: DesignProblem, path: Trajectory, rows: Rows, factor: floa
 @np.errstate(invalid="ignore", over="ignore")
 def _lows(problem: DesignProblem, path: Trajectory) -> list[Low]:
     """Local minima of all margins, the worst few of each; of what must hold once, the best instant."""
-    if not nodes_of(problem.system.model, problem.constraints, ()).owner:
+    if not nodes_of(problem.system.model, problem.constraints).owner:
         return []
     fine, found = fine_margins(problem, path), []
     for i, constraint in enumerate(problem.constraints):
@@ -156,7 +156,7 @@ def _new_rows(problem: DesignProblem, path: Trajectory, low: Sequence[Low]) -> R
     """Rows at the instants of local minima, by the path's own steps."""
     if not low:
         return NO_ROWS
-    step, functions = problem.step, nodes_of(problem.system.model, problem.constraints, ())
+    step, functions = problem.step, nodes_of(problem.system.model, problem.constraints)
     margin, time = np.array([each.margin for each in low]), np.array([each.time for each in low])
     node = np.minimum((time / step + 1e-9).astype(int), path.steps - 1)
     after = np.clip(time - node * step, 0.0, step)

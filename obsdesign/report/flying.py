@@ -23,7 +23,10 @@ _BETTER = 0.8  # share of the other flight's standard deviation that counts as b
 
 
 def broken(study: Study, flight: Flight) -> tuple[Shortfall, ...]:
-    """Return the limits that the true states broke at the nodes of a flight, worst first; those of certain times where they are its own."""
+    """Return the limits that the true states broke, worst first; those of certain times where they are the flight's own.
+
+    Judged at the instants of the flight alone: between them disturbances move the truth, of which no states are kept.
+    """
     return tuple(sorted((each for each in _lowest(study, flight) if each.margin < 0), key=lambda each: each.margin))
 
 
@@ -37,7 +40,7 @@ def _lowest(study: Study, flight: Flight) -> list[Shortfall]:
     limits = tuple(each for each in study.scenario.design.constraints if _counts(study, each))
     if not limits:
         return []
-    functions = nodes_of(study.problem.system.model, limits, ())
+    functions = nodes_of(study.problem.system.model, limits)
     values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
     found = []
     for i, limit in enumerate(limits):
@@ -70,7 +73,11 @@ def in_flight(study: Study, flight: Flight, asked: FlightTable) -> str:
     goal = any(each.span == AT_END for each in study.scenario.design.constraints) and ends_with_the_plans(study)
     far = any(each.margin < -_FAR for each in short)
     yes = "No" if far else "Not quite" if short else "Yes"
-    limits = f"the true path {shortfalls_in_words(short)}" if short else f"the true path {'arrives and ' if goal else ''}keeps every limit"
+    limits = (
+        f"the true path {shortfalls_in_words(short)}"
+        if short
+        else f"the true path {'arrives and ' if goal else ''}keeps every limit at the steps, where it is looked at"
+    )
     kept = sum(flight.feasible)
     every = f"with a new plan every {plain(asked.every)}{NARROW}s, {count} in all, {limits}"
     return f"{yes}: {every}; {kept} of the plans keep every limit from where the filter believes to be{_gains(study, flight)}."

@@ -32,7 +32,7 @@ def clearance_figure(study: Study) -> str:
 def clearances(study: Study, name: str) -> list[np.ndarray]:
     """Return sqrt(f^2 + (T df/dt)^2) (1, N) [m] along a path at the beginning of every step, for every such constraint."""
     path, limits = study.candidate(name).path, _limits(study)
-    margins = nodes_of(study.problem.system.model, limits, ()).values(path.x[:-1], path.u)
+    margins = nodes_of(study.problem.system.model, limits).values(path.x[:-1], path.u)
     return [_distance(limit, margins[:, [i]].T) for i, limit in enumerate(limits)]
 
 
