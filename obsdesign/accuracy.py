@@ -1,114 +1,155 @@
-"""How exact the steps along a path are, in state and sensitivity, and how many sub-steps they need for a tolerance."""
+"""How many sub-steps the steps along a path need for a tolerance in state and sensitivity."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache
 from math import ceil, floor, inf, isfinite, log10
 
 import casadi as ca
 import numpy as np
 
+from obsdesign.comparison import EXCUSED, Walks, compared, operations
 from obsdesign.errors import InputError
 from obsdesign.model import Model
 from obsdesign.quadrature import quadrature_of
-from obsdesign.scan import Scan
-from obsdesign.step import CACHED, Step, chained, exact_step, step_of
+from obsdesign.step import CACHED, chained, exact_step
 
 MOST = 1024  # sub-steps of one step
 _WORK = 600_000  # operations that a step and its check may have together
-_PART = (3 - 5**0.5) / 2  # of a sub-step, the first of the two it is checked against: no period of a motion divides both
-_SHARE = 1 / (1 - _PART**5 - (1 - _PART) ** 5)  # error of a sub-step over its difference from those two, at order 4
-_ROUNDING = 2.0**-46  # relative, by which state and inputs are moved to see what rounding does: 64 units of it
-_LOST = 1e-2  # share of a state that rounding may take from it
-_TINY, _HUGE = 1e-300, 1e300
+_TRIED = 100_000_000  # operations, about, that it may take to find a step that would do
+_FINEST = 4096  # parts of a step
+_PREFIX = 16  # steps that are looked at first: most motions that run away do so at once
 _SAFETY, _LEAP = 1.5, 8.0  # on an error where the number of sub-steps is chosen for it; most by which that grows at a time
-
-# (indices of paths, sub-steps) -> their states (., N+1, n)
-Walked = Callable[[np.ndarray, int], np.ndarray]
 
 
 class CoarseError(InputError):
-    """A step is too coarse for the dynamics, with as many sub-steps as can be made: by a factor of `error` tolerances."""
+    """A step is too coarse for the dynamics, with as many sub-steps as can be made: by a factor of `error` tolerances.
 
-    def __init__(self, step: float, count: int, error: float, tolerance: float, enough: float | None = None) -> None:
-        self.arguments = (step, count, error, tolerance, enough)
-        self.enough = enough
+    enough: a step that would do, None where none was found; tried: whether it was tried out along the path.
+    """
+
+    def __init__(self, step: float, count: int, error: float, tolerance: float, enough: float | None = None, tried: bool = True) -> None:
+        self.arguments, self.enough = (step, count, error, tolerance, enough, tried), enough
         said = f"a step of {step:g} s is too coarse for these dynamics: even {count} sub-steps "
-        if isfinite(error):
-            least = step / (_SAFETY * error) ** 0.25
-            digits = 10.0 ** floor(log10(least))
-            self.enough = floor(least / digits) * digits
-            said += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}"
+        said += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}" if isfinite(error) else "leave the finite numbers"
+        if enough is None:
+            would = "the motion runs away, or it needs a step much smaller"
         else:
-            said += "leave the finite numbers"
-        would = "the motion runs away, or it needs a step much smaller" if self.enough is None else f"a step of {self.enough:g} s would do"
+            would = f"a step of {enough:.12g} s would do" if tried else f"it is estimated that a step of {enough:.2g} s would do"
         super().__init__(f"{said}; {would}")
 
-    def __reduce__(self) -> tuple[type, tuple[float, int, float, float, float | None]]:
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), self.arguments
 
 
-@dataclass(frozen=True, eq=False)
-class Walks:
-    """M paths: their steps' model and length [s], inputs held (N, m + p) or (M, N, m + p), and whether each state follows the last.
+class RoundedError(InputError):
+    """The rounding of doubles moves states or sensitivities by more than the tolerance, however small the steps are."""
 
-    simulated: an error of one state is in all that follow; otherwise states are given, and each step begins at one of them.
-    """
+    def __init__(self, step: float, error: float, tolerance: float) -> None:
+        self.arguments = step, error, tolerance
+        wanted = 2 * error * tolerance
+        digits = 10.0 ** floor(log10(wanted))
+        met = ceil(wanted / digits) * digits
+        would = f"a tolerance of {met:g} is met, or a shorter path" if met < 0.1 else "only a shorter path would do"
+        super().__init__(
+            f"the motion amplifies the rounding of doubles to {error:.2g} tolerances of {tolerance:g} along this path,"
+            f" however small its steps of {step:g} s are made: {would}"
+        )
 
-    model: Model
-    step: float
-    held: np.ndarray
-    paths: int
-    walked: Walked
-    simulated: bool
-
-    def inputs(self, rows: np.ndarray) -> np.ndarray:
-        """Return the inputs of some of the paths."""
-        return self.held[rows] if self.held.ndim == 3 else self.held
+    def __reduce__(self) -> tuple[type, tuple[object, ...]]:
+        return type(self), self.arguments
 
 
 def substeps_for(walks: Walks, tolerance: float) -> np.ndarray:
     """Return for each path the fewest sub-steps (M,) that meet the tolerance, of those tried.
 
     From the graph alone where that has a bound; otherwise by comparing steps with finer ones and taking more as order 4 has it.
-    Raises InputError where more sub-steps than can be made would be needed, with the step that would do.
+    Raises InputError where more sub-steps than can be made would be needed, with a step that would do, tried out; and where
+    rounding alone is above the tolerance.
     """
     model, step = walks.model, walks.step
-    found, most, exact = np.ones(walks.paths, dtype=int), most_substeps(model, step), exact_step(model, step) is not None
-    waiting = [(np.arange(walks.paths), 1, np.full(walks.paths, inf))]
+    most, exact = most_substeps(model), exact_step(model, step) is not None
+    found = np.ones(len(walks.x), dtype=int)
+    waiting = [(np.arange(len(found)), 1, np.full(len(found), inf), np.zeros(len(found), dtype=bool))]
     while waiting:
-        rows, count, before = waiting.pop()
+        rows, count, before, stuck = waiting.pop()
         found[rows] = count
         if exact and count > 1:
             continue
-        x, held = walks.walked(rows, count), walks.inputs(rows)
-        if count == 1:
-            by_structure = _by_structure(model, np.abs(x).max(axis=1), held, step, tolerance)
+        some = walks.some(rows)
+        if count == 1 and (bound := quadrature_of(model)) is not None:
+            by_structure = _by_structure(model, bound.reach(_largest(some)), walks.held, step, tolerance)
             if by_structure is not None:
                 return by_structure
-        error = _error_beyond_rounding(walks, (x, held), count, tolerance, before)
+        error, stuck = _judged(some, count, tolerance, before, stuck)
         missed, later = error > 1, np.array([2 if exact else min(most, _more(count, each)) for each in error])
         if missed.any() and count >= most:
-            raise CoarseError(step, count, float(error.max()), tolerance)
-        waiting += [(rows[own], int(each), error[own]) for each in np.unique(later[missed]) for own in [missed & (later == each)]]
+            raise _coarse(some.some(np.flatnonzero(missed)[:1]), count, float(error[missed][0]), tolerance)
+        for each in np.unique(later[missed]):
+            own = missed & (later == each)
+            waiting.append((rows[own], int(each), error[own], stuck[own]))
     return found
 
 
-def _error_beyond_rounding(
-    walks: Walks, along: tuple[np.ndarray, np.ndarray], count: int, tolerance: float, before: np.ndarray
-) -> np.ndarray:
-    """Return the error (M,) in tolerances, of states and inputs; less what rounding does where more sub-steps do not help."""
-    (x, held), each = (
-        along,
-        partial(step_error, walks.model, step=walks.step, substeps=count, tolerance=tolerance, simulated=walks.simulated),
-    )
-    error = each(x, held)
-    stuck = (error > 1) & ((count == 1) | (error > before / 2)) & np.isfinite(error)
-    if stuck.any():
-        error[stuck] = each(x[stuck], held[stuck] if held.ndim == 3 else held, rounding=True)
-    return error
+def _largest(walks: Walks) -> np.ndarray:
+    return np.abs(walks.x) if walks.simulated else np.abs(walks.x).max(axis=1)
+
+
+def _judged(walks: Walks, count: int, tolerance: float, before: np.ndarray, stuck: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the error (M,) in tolerances, and which of them more sub-steps did not help and rounding explains.
+
+    Rounding is excused for up to two tolerances. Raises RoundedError where it explains the whole error twice in a row.
+    """
+    if count > _LEAP and walks.simulated and _runs_away(walks, count, tolerance):
+        return np.full(len(walks.x), inf), np.zeros(len(walks.x), dtype=bool)
+    plain = compared(walks, count, tolerance)
+    error, unseen = plain.error, plain.amplified
+    rounded = np.zeros(len(error), dtype=bool)
+    slow = np.flatnonzero((error > 1) & ((count == 1) | (error > before / 2)) & np.isfinite(error))
+    if len(slow):
+        told = compared(walks.some(slow), count, tolerance, rounding=True)
+        error[slow], rounded[slow] = told.error, (told.beyond_rounding <= 1) & (told.error > 1)
+        lost = np.flatnonzero(rounded & stuck)
+        if count > 1 and len(lost):
+            raise RoundedError(walks.step, float(error[lost[0]]), tolerance)
+    if (lost := (error <= 1) & (unseen > EXCUSED + 1)).any():
+        raise RoundedError(walks.step, float(unseen[lost].max()), tolerance)
+    return error, rounded & (count > 1)
+
+
+def _runs_away(walks: Walks, count: int, tolerance: float) -> bool:
+    """Tell whether all paths leave the finite numbers within their first steps."""
+    short = Walks(walks.model, walks.step, walks.held[..., :_PREFIX, :], walks.x)
+    return walks.held.shape[-2] > _PREFIX and bool(np.isinf(compared(short, count, tolerance).error).all())
+
+
+def _coarse(walks: Walks, count: int, error: float, tolerance: float) -> CoarseError:
+    """Return the refusal of a path, with parts of the step that were found to do, with as many sub-steps as they may have.
+
+    An estimate by order 4 where states are given, or where trying out would take too long.
+    """
+    parts, now, estimate = 1, error, _estimated(walks.step, error)
+    each = operations(walks.model) * count
+    while walks.simulated and parts < _FINEST:
+        parts = _more(parts, now)
+        finer = walks.cut(parts)
+        if _runs_away(finer, count, tolerance):
+            now = inf
+            continue
+        if finer.held.shape[-2] * each > _TRIED:
+            break
+        before, now = now, float(compared(finer, count, tolerance).error[0])
+        estimate = _estimated(finer.step, now) or estimate
+        if now <= 1:
+            return CoarseError(walks.step, count, error, tolerance, finer.step)
+        if now > before / 2:  # finer ones do not help
+            estimate = None
+            break
+    return CoarseError(walks.step, count, error, tolerance, estimate, False)
+
+
+def _estimated(step: float, error: float) -> float | None:
+    return step / (_SAFETY * error) ** 0.25 if isfinite(error) else None
 
 
 def substeps_from(model: Model, starts: np.ndarray, held: np.ndarray, step: float, tolerance: float) -> np.ndarray | None:
@@ -147,114 +188,8 @@ def _more(count: int, error: float) -> int:
 
 
 @lru_cache(CACHED)
-def most_substeps(model: Model, step: float) -> int:
+def most_substeps(model: Model) -> int:
     """Return how many sub-steps a step of this model may have: at most 1024, and no graph of more than 600,000 operations."""
-    two = chained(model, (step / 2, step / 2))
+    two = chained(model, (0.5, 0.5))
     each = ca.Function("two", [two.x, two.u, two.w], [two.x_next, two.F]).n_instructions() / 2
     return max(1, min(MOST, int(_WORK / (3 * each))))
-
-
-# ---------------------------------------------------------------- the error of a number of sub-steps
-
-
-def step_error(
-    model: Model,
-    x: np.ndarray,
-    held: np.ndarray,
-    step: float,
-    substeps: int,
-    tolerance: float,
-    *,
-    simulated: bool,
-    rounding: bool = False,
-) -> np.ndarray:
-    """Return the largest error (M,) along states x (M, N+1, n), in tolerances, inf where the states are not finite.
-
-    Of the state and of each entry of Phi, relative to its size: the largest along the path, unless the motion has contracted it.
-    rounding: what a rounding unit in state and inputs does is no error. From where Phi overflows on nothing is judged.
-    """
-    whole = np.isfinite(x).all(axis=(1, 2))
-    if not whole.all():
-        found = np.full(len(x), inf)
-        if whole.any():
-            inputs = held[whole] if held.ndim == 3 else held
-            found[whole] = step_error(model, x[whole], inputs, step, substeps, tolerance, simulated=simulated, rounding=rounding)
-        return found
-    n, steps = x.shape[-1], x.shape[1] - 1
-    identity, rows = np.eye(n).ravel(), [x[:, :-1], held]
-    tops = _tops(model, step, substeps).run(_tiled(len(x), identity, identity), rows, steps, carries=False, results=False).carry
-    top_Phi = tops[:, n * n :]
-    top = np.minimum(np.abs(x), np.abs(x - x[:, :1])).max(axis=1)
-    rest = [np.zeros(n), identity, identity, *([np.zeros(n), identity] if rounding else ())]
-    first = np.hstack([top, top_Phi, top, top_Phi, _tiled(len(x), *rest)])
-    check = _check(model, step, substeps, rounding)
-    ratio, finite = (value[..., 0] for value in check.run(first, [*rows, np.array([tolerance, simulated])], steps, carries=False).results)
-    judged = np.logical_and.accumulate(np.isfinite(finite), axis=1)
-    return np.where(judged[:, 0], np.max(ratio, axis=1, where=judged, initial=0.0), inf)
-
-
-def _tiled(paths: int, *parts: np.ndarray) -> np.ndarray:
-    return np.tile(np.concatenate(parts), (paths, 1))
-
-
-@lru_cache(CACHED)
-def _tops(model: Model, step: float, substeps: int) -> Scan:
-    """Carry Phi of the finer steps and the largest of each entry so far, as long as it is finite."""
-    finer, n = _finer(model, step, substeps), model.x.numel()
-    Phi, top = ca.SX.sym("Phi", n, n), ca.SX.sym("top", n, n)
-    Phi_next = finer.F @ Phi
-    size = ca.fabs(Phi_next)
-    top_next = ca.fmax(top, ca.if_else(size < _HUGE, size, 0))
-    return Scan(_column(Phi, top), [finer.x, finer.held], _column(Phi_next, top_next))
-
-
-@lru_cache(CACHED)
-def _check(model: Model, step: float, substeps: int, rounding: bool) -> Scan:
-    """Carry the largest of x and Phi along the path, their sizes, error, Phi, finer Phi, and beside them what rounding does.
-
-    error+ = F error + (f_finer - f); size+ = max(min(|.|, top), min(top, |F| size)), column by column of Phi. Results: the largest
-    error over its size, in tolerances; a sum that tells whether all is finite.
-    """
-    one, finer = step_of(model, step, substeps), _finer(model, step, substeps)
-    n, settings = one.x.numel(), ca.SX.sym("settings", 2)
-    tolerance, kept = settings[0], settings[1]
-    top, size, error = (ca.SX.sym(name, n) for name in ("top", "size", "error"))
-    top_Phi, size_Phi, Phi, finer_Phi = (ca.SX.sym(name, n, n) for name in ("top", "size", "Phi", "finer"))
-    absolute = ca.fabs(one.F)
-    error_next = kept * (one.F @ error) + _SHARE * (finer.x_next - one.x_next)
-    Phi_next, finer_next = one.F @ Phi, finer.F @ finer_Phi
-    size_next, size_Phi_next = _sized(one.x_next, top, absolute @ size), _sized(Phi_next, top_Phi, absolute @ size_Phi)
-    allowed = tolerance * size_next + _ROUNDING * (ca.fabs(one.x) + ca.fabs(one.x_next)) + _TINY
-    allowed_Phi = tolerance * size_Phi_next + _ROUNDING * (absolute @ ca.fabs(Phi)) + _TINY
-    carry = [top, top_Phi, size, size_Phi, error, Phi, finer_Phi]
-    carry_next = [top, top_Phi, size_next, size_Phi_next, error_next, Phi_next, finer_next]
-    if rounding:
-        moved, Phi_moved = ca.SX.sym("moved", n), ca.SX.sym("Phi_moved", n, n)
-        near = [value * (1 + _ROUNDING) for value in (one.x, one.u, one.w)]
-        x_near, F_near = ca.Function("near", [one.x, one.u, one.w], [one.x_next, one.F])(*near)
-        moved_next, Phi_moved_next = kept * (one.F @ moved) + x_near - one.x_next, F_near @ Phi_moved
-        # no more than this share: of states that have run away all is rounding
-        allowed += ca.fmin(ca.fabs(moved_next), _LOST * size_next)
-        allowed_Phi += ca.fabs(Phi_moved_next - Phi_next)
-        carry, carry_next = [*carry, moved, Phi_moved], [*carry_next, moved_next, Phi_moved_next]
-    off = ca.mmax(ca.fabs(error_next) / allowed)
-    off_Phi = ca.mmax(_SHARE * ca.fabs(finer_next - Phi_next) / allowed_Phi)
-    return Scan(_column(*carry), [one.x, one.held, settings], _column(*carry_next), [ca.fmax(off, off_Phi), ca.sum1(_column(*carry_next))])
-
-
-def _sized(value: ca.SX, top: ca.SX, contracted: ca.SX) -> ca.SX:
-    return ca.fmin(top, ca.fmax(ca.fabs(value), contracted))
-
-
-def _column(*parts: ca.SX) -> ca.SX:
-    return ca.vertcat(*[ca.vec(ca.densify(part)) for part in parts])
-
-
-@lru_cache(CACHED)
-def _finer(model: Model, step: float, substeps: int) -> Step:
-    """Return what `substeps` are checked against: the exact step, or each of them in two unequal parts."""
-    exact = exact_step(model, step)
-    if exact is not None:
-        return exact
-    each = step / substeps
-    return chained(model, (_PART * each, (1 - _PART) * each) * substeps)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 
-def rk4(rate: Callable[[ca.SX], ca.SX], x: ca.SX, step: float) -> ca.SX:
+def rk4(rate: Callable[[ca.SX], ca.SX], x: ca.SX, step: float | ca.SX) -> ca.SX:
     """Return the state after one classical Runge-Kutta step of xdot = rate(x), local error O(step^5)."""
     k1 = rate(x)
     k2 = rate(x + step / 2 * k1)

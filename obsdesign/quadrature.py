@@ -19,7 +19,7 @@ _CACHED = 64
 class Quadrature:
     """Rates that within a step are functions of time, x'_i = g_i(z_0 + t z'), as z' is made of held inputs: RK4 is Simpson's rule.
 
-    bound: magnitudes of (x, u, w), the larger ones inf, -> sup |d4 g / dt4| and sup |g| (r,), g all rates and their slopes to z.
+    bound: magnitudes of (x, u, w), the larger ones inf, -> sup |d4 g / dt4| and sup |g| (r,), g all rates and their slopes to z and w.
     """
 
     bound: ca.Function
@@ -30,7 +30,7 @@ class Quadrature:
         return np.where(self.still, np.abs(starts), np.inf)
 
     def error(self, x: np.ndarray, u: np.ndarray, w: np.ndarray) -> float:
-        """Return c in |x_RK4 - x| <= c step^4 |x'| step, and the same for dx/dz, NaN where the graph gives no bound.
+        """Return c in |x_RK4 - x| <= c step^4 |x'| step, and the same for dx/dz and dx/dw, NaN where the graph gives no bound.
 
         c = sup |d4 g / dt4| / (2880 sup |g|), the error of Simpson's rule; x (n,), u (m,), w (p,): the largest magnitudes.
         """
@@ -51,7 +51,8 @@ def quadrature_of(model: Model) -> Quadrature | None:
     if others and ca.depends_on(rate, x[others]):
         return None
     z, g = x[turning], rate[others]
-    functions = ca.vertcat(g, ca.vec(ca.densify(ca.jacobian(g, z)))) if others else ca.SX(0, 1)
+    slopes = [ca.vec(ca.densify(ca.jacobian(g, value))) for value in (z, model.w)]
+    functions = ca.vertcat(g, *slopes) if others else ca.SX(0, 1)
     fourth = functions
     for _ in range(4):
         fourth = ca.jtimes(fourth, z, rate[turning]) if others else fourth

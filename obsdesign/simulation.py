@@ -8,16 +8,15 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.accuracy import CoarseError, Walks, substeps_for, substeps_from
+from obsdesign.accuracy import substeps_for, substeps_from
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
+from obsdesign.comparison import Walks
 from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import TOLERANCE, Trajectory
-
-_PARTS = (4, 32, 256)  # of a step that no sub-steps make stable, which are tried instead
 
 
 @validate_arguments
@@ -37,6 +36,11 @@ def simulate(
     known, unknown = as_known_and_unknown(system, u, w)
     substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
     states = states_from(system, start[None], known, dt, unknown, substeps=substeps)[0]
+    if not all_finite(states):
+        k, i = np.argwhere(~np.isfinite(states))[0]
+        name = system.model.state_names[i]
+        where = f"from step {k} (t = {k * dt:g} s) on"
+        raise InputError(f"{name} is {states[k, i]} {where}: the motion runs away, only a shorter path would do")
     path = Trajectory(np.arange(len(states)) * dt, states, known, None if w is None else unknown, tolerance)
     path.substeps[system.model] = substeps
     return path
@@ -49,43 +53,10 @@ def substeps_needed(
 
     Raises InputError where that would be too many, with the step that would do.
     """
-    try:
-        return _substeps_needed(system, starts, (u, w), dt, tolerance)
-    except CoarseError as coarse:
-        if coarse.enough is not None:
-            raise
-        raise CoarseError(*coarse.arguments[:4], _enough(system, starts, (u, w), dt, tolerance)) from None
-
-
-_Inputs = tuple[np.ndarray, np.ndarray | None]
-
-
-def _substeps_needed(system: AbstractSystem, starts: np.ndarray, inputs: _Inputs, dt: float, tolerance: float) -> np.ndarray:
-    model, (u, w) = system.model, inputs
+    model = system.model
     held = _together(u, np.zeros((1, len(model.unknown_inputs))) if w is None else w)
     by_structure = substeps_from(model, starts, held, dt, tolerance)
-    if by_structure is not None:
-        return by_structure
-
-    def walked(rows: np.ndarray, count: int) -> np.ndarray:
-        known, unknown = (values[rows] if values is not None and values.ndim == 3 else values for values in (u, w))
-        return states_from(system, starts[rows], known, dt, unknown, substeps=count)  # pyright: ignore[reportArgumentType]
-
-    return substeps_for(Walks(model, dt, held, len(starts), walked, simulated=True), tolerance)
-
-
-def _enough(system: AbstractSystem, starts: np.ndarray, inputs: _Inputs, dt: float, tolerance: float) -> float | None:
-    """Return a step that would do for the same motion, tried out, or estimated from one that nearly does; None where none was found."""
-    for parts in _PARTS:
-        finer = tuple(None if values is None else np.repeat(values, parts, axis=-2) for values in inputs)
-        try:
-            _substeps_needed(system, starts, finer, dt / parts, tolerance)  # pyright: ignore[reportArgumentType]
-        except CoarseError as coarse:
-            if coarse.enough is not None:
-                return coarse.enough
-        else:
-            return dt / parts
-    return None
+    return substeps_for(Walks(model, dt, held, starts), tolerance) if by_structure is None else by_structure
 
 
 def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
@@ -98,8 +69,7 @@ def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
         held = held_along(system, path)
         counts = substeps_from(model, path.x[:1], held, path.step, path.tolerance)
         if counts is None:
-            walks = Walks(model, path.step, held, 1, lambda *_: path.x[None], simulated=False)
-            counts = substeps_for(walks, path.tolerance)
+            counts = substeps_for(Walks(model, path.step, held, path.x[None, :-1]), path.tolerance)
         path.substeps[model] = int(counts[0])
     return path.substeps[model]
 

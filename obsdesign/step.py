@@ -89,15 +89,21 @@ def chained(model: Model, lengths: tuple[float, ...]) -> Step:
     """Return RK4 steps of so many seconds one after the other: F = F_m ... F_1, and B_w likewise."""
     u, w = model.u, model.w
     if len(lengths) == 1:
-        rate = ca.Function("rate", [model.x, u, w], [_rate(model)])
-        (x_next,) = without_repeats([ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, lengths[0]))])
-        return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
+        return runge_kutta(model, lengths[0])
     x, F, B_w = model.x, ca.SX.eye(model.x.numel()), ca.SX(model.x.numel(), w.numel())
     each = {length: _as_function(chained(model, (length,))) for length in dict.fromkeys(lengths)}
     for length in lengths:
         x, F_one, B_one = each[length](x, u, w)
         F, B_w = F_one @ F, F_one @ B_w + B_one
     return Step(model.x, u, w, ca.densify(x), F, B_w)
+
+
+def runge_kutta(model: Model, length: float | ca.SX) -> Step:
+    """Return one step of RK4, of a length [s] that may be a symbol."""
+    u, w = model.u, model.w
+    rate = ca.Function("rate", [model.x, u, w], [_rate(model)])
+    (x_next,) = without_repeats([ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, length))])
+    return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
 
 
 def _as_function(one: Step) -> ca.Function:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import obsdesign as od
 from obsdesign.information.gramian import transition_matrices
 from obsdesign.simulation import substeps_along
+from obsdesign.step import step_of
 
 
 def free(drift: Callable[[ca.SX], ca.SX], n: int, output: int = 0) -> od.ControlAffineSystem:
@@ -20,7 +23,7 @@ def free(drift: Callable[[ca.SX], ca.SX], n: int, output: int = 0) -> od.Control
     return od.ControlAffineSystem(x, tuple(f"x{i}" for i in range(n)), drift(x), outputs={"y": x[output]})
 
 
-def coasting(system: od.ControlAffineSystem, start: object, steps: int, dt: float, tolerance: float = 1e-6) -> od.Trajectory:
+def coasting(system: od.ControlAffineSystem, start: ArrayLike, steps: int, dt: float, tolerance: float = 1e-6) -> od.Trajectory:
     return od.simulate(system, start, np.zeros((steps, 0)), dt, tolerance=tolerance)
 
 
@@ -179,6 +182,71 @@ def test_a_step_too_coarse_is_refused_with_one_that_would_do():
     system = free(lambda x: ca.vertcat(-(10 + ca.sin(x[0])) * 1e3 * (x[0] - ca.cos(x[1])), 1 + 0 * x[0]), 2)
     with pytest.raises(od.InputError, match=r"a step of 1 s is too coarse for these dynamics: .*; a step of [0-9.]+ s would do"):
         coasting(system, [1.0, 0.0], 5, 1.0)
+
+
+def lorenz(x: ca.SX) -> ca.SX:
+    return ca.vertcat(10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2])
+
+
+def upright(x: ca.SX) -> ca.SX:
+    return ca.vertcat(x[1], -9.81 * ca.sin(x[0]))
+
+
+def test_where_steps_would_do_the_refusal_names_one_and_it_does():
+    """x' = 1 + x^2 gets to tan(1.57) = 1256 within the last of ten steps."""
+    system = free(lambda x: 1 + x * x, 1)
+    with pytest.raises(od.InputError, match=r"a step of [0-9.e-]+ s would do") as refusal:
+        coasting(system, [0.0], 10, 0.157)
+    step = float(re.findall(r"a step of ([0-9.e-]+) s would do", str(refusal.value))[0])
+    path = coasting(system, [0.0], round(1.57 / step), step)
+    assert path.x[-1, 0] == pytest.approx(np.tan(1.57), rel=3e-6)
+
+
+@pytest.mark.parametrize("end", [1.01, 2.0, 30.0])
+def test_what_gets_to_infinity_in_finite_time_is_refused(end: float):
+    """x' = x^2 from 1 is 1 / (1 - t)."""
+    with pytest.raises(od.InputError, match="runs away"):
+        coasting(free(lambda x: ca.vertcat(x[0] * x[0]), 1), [1.0], 10, end / 10)
+
+
+def test_a_state_beyond_the_largest_double_is_named():
+    with pytest.raises(od.InputError, match=r"x0 is inf from step 15 \(t = 7.5 s\) on: the motion runs away"):
+        coasting(free(lambda x: 100 * x, 1), [1.0], 20, 0.5)
+
+
+def test_what_only_rounding_moves_is_refused():
+    """A pendulum upright at the double nearest to pi: e^(3.13 t) times 1e-16 is all there is of its fall. After 3 s it still stands."""
+    system = free(upright, 2)
+    with pytest.raises(od.InputError, match="amplifies the rounding of doubles"):
+        coasting(system, [np.pi, 0.0], 150, 0.1)
+    assert coasting(system, [np.pi, 0.0], 30, 0.1).x[-1, 0] == pytest.approx(np.pi, rel=1e-9)
+
+
+def test_chaos_is_followed_as_far_as_doubles_do_and_refused_beyond():
+    system = free(lorenz, 3)
+    with pytest.raises(od.InputError, match=r"too coarse|amplifies the rounding"):
+        coasting(system, [1.0, 1.0, 20.0], 100, 0.5)
+    assert max(errors(system, coasting(system, [1.0, 1.0, 20.0], 10, 0.1))) < 3e-6
+
+
+def test_sensitivities_are_those_of_the_right_path_not_of_the_one_that_is_judged():
+    """Roessler's system: Phi along a path that is off by a tolerance is off by several."""
+    system = free(lambda x: ca.vertcat(-x[1] - x[2], x[0] + 0.2 * x[1], 0.2 + x[2] * (x[0] - 5.7)), 3)
+    assert max(errors(system, coasting(system, [1.0, 1.0, 0.0], 100, 0.5))) < 3e-6
+
+
+@pytest.mark.parametrize("structured", [True, False])
+def test_the_trace_of_an_unknown_input_meets_the_tolerance(structured: bool):
+    """x' = w sin(30 s), s' = 1 at w = 0: x and Phi are exact in any step, dx/dw = (1 - cos(30 h)) / 30 is not."""
+    x = ca.SX.sym("x", 2)
+    wave = ca.sin(30 * x[1]) if structured else ca.sin(30 * x[1]) + 0 * ca.tanh(x[1]) + 1e-300 * ca.tanh(x[1])
+    system = od.ControlAffineSystem(
+        x, ("x", "s"), ca.vertcat(ca.SX(0), 1), unknown={"w": ca.vertcat(wave, 0)}, outputs={"x": x[0], "s": x[1]}
+    )
+    path = od.simulate(system, [0.0, 0.0], np.zeros((4, 0)), 0.3)
+    step = step_of(system.model, 0.3, substeps_along(system, path))
+    found = ca.Function("B", [step.x, step.u, step.w], [step.B_w])([0.0, 0.0], [], [0.0]).full()
+    np.testing.assert_allclose(found, [[(1 - np.cos(9.0)) / 30], [0.0]], rtol=3e-6)
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-6, float("nan"), "small", True])
