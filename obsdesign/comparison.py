@@ -207,7 +207,9 @@ def _comparison(model: Model, pace: float | None, rounding: bool) -> Scan:
     """
     pair, n, wide = _pair(model, pace), len(model.states), len(model.states) + model.w.numel()
     excused, top, size = (ca.SX.sym(name, n) for name in ("excused", "top", "size"))
-    top_Phi, residue, size_Phi, Phi, finer_Phi = (ca.SX.sym(name, n, wide) for name in ("top_Phi", "residue", "size_Phi", "Phi", "finer_Phi"))
+    top_Phi, residue, size_Phi, Phi, finer_Phi = (
+        ca.SX.sym(name, n, wide) for name in ("top_Phi", "residue", "size_Phi", "Phi", "finer_Phi")
+    )
     F_step, B_step, seen = ca.SX.sym("F", n, n), ca.SX.sym("B", n, wide - n), ca.SX.sym("seen", 4)
     (x_next, F, forced), (x_finer, F_finer, forced_finer) = pair.one, pair.finer
     (_, _, place, settings), alive = pair.rows, seen[0]
