@@ -92,6 +92,15 @@ def without_round_off(W: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     return root @ root.T
 
 
+def may_be_singular(W: np.ndarray) -> bool:
+    """Return whether W (n, n), in units that make its directions comparable, sees one so little that it may be round-off of a path.
+
+    A sum cannot tell: a residue has a diagonal entry of its own. Where this is so, the rows of the path have to be asked.
+    """
+    values = np.linalg.eigvalsh(W)
+    return bool(values[0] <= _PLAIN**2 * values[-1])
+
+
 @dataclass(frozen=True, eq=False)
 class Sight:
     """What rows R (m, n) see of a state: R v for the columns v of `seen` (n, r) are orthonormal; of `hidden` (n, p) it is round-off.
@@ -111,6 +120,12 @@ class Sight:
     def covariance(self) -> np.ndarray:
         """(R'R)^-1 (n, n) of the states that are determined, 0 along what is hidden."""
         return self.seen @ self.seen.T
+
+    @property
+    def information(self) -> np.ndarray:
+        """R'R (n, n), exactly 0 along what is hidden."""
+        rows = np.linalg.inv(np.hstack([self.seen, self.hidden]))[: self.seen.shape[1]]
+        return rows.T @ rows
 
     def principal(self, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues (n,), ascending, and unit vectors (n, n) of S R'R S with S = diag(scale), by those of its inverse.

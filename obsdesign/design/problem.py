@@ -20,11 +20,13 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.consistency import require_consistent
 from obsdesign.errors import InputError
+from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.posterior import posterior_information
 from obsdesign.information.totals import batch_information, path_information
 from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior
+from obsdesign.round_off import may_be_singular
 from obsdesign.simulation import as_scale, as_state, simulate, substeps_needed
 from obsdesign.trajectory import TOLERANCE, Trajectory
 
@@ -217,12 +219,17 @@ class DesignProblem:
         The same numbers as `value`; at once where all samples count once.
         """
         if self.criterion.knowledge is None and self.weights is None:
-            return np.array(
-                [self.rated(W) for W in batch_information(self.system, starts, u, self.step, tolerance=self.tolerance).sum(axis=1)]
-            )
+            sums = batch_information(self.system, starts, u, self.step, tolerance=self.tolerance).sum(axis=1)
+        else:
+            sums = np.zeros((len(starts), self.x0.size, self.x0.size))
         each = np.broadcast_to(u, (len(starts), *u.shape[-2:]))
         return np.array(
-            [self.value(simulate(self.system, x, own, self.step, tolerance=self.tolerance)) for x, own in zip(starts, each, strict=True)]
+            [
+                self.value(simulate(self.system, x, own, self.step, tolerance=self.tolerance))
+                if may_be_singular(self.scaled(W))
+                else self.rated(W)
+                for W, x, own in zip(sums, starts, each, strict=True)
+            ]
         )
 
     def matrix(self, path: Trajectory) -> np.ndarray:
@@ -233,7 +240,9 @@ class DesignProblem:
         """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""
         known = self.criterion.knowledge
         if known is None:
-            return path_information(self.system, path, None if self.weights is None else np.asarray(self.weights))
+            W = path_information(self.system, path, None if self.weights is None else np.asarray(self.weights))
+            residues = self.weights is None and may_be_singular(self.scaled(W))
+            return variational_gramian(self.system, path).sight.information if residues else W
         return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-2]
 
     @property

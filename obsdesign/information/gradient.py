@@ -15,6 +15,7 @@ from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_sensors, variational_gramian
 from obsdesign.information.totals import Walk, stepped, walk_of
 from obsdesign.model import AbstractSystem, Model
+from obsdesign.round_off import may_be_singular
 from obsdesign.scan import Scan
 from obsdesign.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate, substeps_needed
 from obsdesign.step import CACHED
@@ -42,7 +43,17 @@ def information_value(
     require_tolerance(tolerance)
     substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
     walk, carry, _, _ = _walked(system, start, known, unknown, dt, substeps, carries=False)
-    return criterion.value(walk.sums(carry)[0].sum(axis=0) * S[:, None] * S)
+    W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
+    return criterion.value(_without_residues(W, system, start, known, dt, unknown, tolerance, S))
+
+
+def _without_residues(  # noqa: PLR0917  # what the path is made of
+    W: np.ndarray, system: AbstractSystem, start: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray, tolerance: float, S: np.ndarray
+) -> np.ndarray:
+    """Return S W S (n, n), exactly 0 along what is round-off: only the rows of the path can tell."""
+    if not may_be_singular(W):
+        return W
+    return variational_gramian(system, simulate(system, start, u, dt, w, tolerance=tolerance)).sight.information * S[:, None] * S
 
 
 @validate_arguments
@@ -69,6 +80,7 @@ def information_gradient(
     substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
     walk, carry, carries, taken = _walked(system, start, known, unknown, dt, substeps, carries=True)
     W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
+    W = _without_residues(W, system, start, known, dt, unknown, tolerance, S)
     value = criterion.value(W)
     if not np.isfinite(value):
         raise InputError(f"{type(criterion).__name__} is {value} along this path: it has no gradient there")
