@@ -13,15 +13,24 @@ if TYPE_CHECKING:
     import numpy as np
 
 
+def _is_finite_number(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
+
+
 def require_positive(what: str, value: float) -> None:
     """Raise InputError unless 0 < value < inf."""
-    if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value) and value > 0):
+    if not (_is_finite_number(value) and value > 0):
         raise InputError(f"{what} is {value!r}: must be a finite number above 0")
 
 
 def require_within(what: str, value: Any, below: float = math.inf) -> None:  # noqa: ANN401  # whatever a caller gave
     """Raise InputError unless value is a finite number in [0, below)."""
-    if isinstance(value, bool) or not (isinstance(value, Real) and math.isfinite(value) and 0 <= float(value) < below):
+    if not (_is_finite_number(value) and 0 <= float(value) < below):
         upper = "" if below == math.inf else f" and below {below:g}"
         raise InputError(f"{what} is {value!r}: must be a finite number of at least 0{upper}")
 

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, as_pair, require_positive
 from obsdesign.errors import InputError
 
@@ -83,7 +82,6 @@ def curves(start: Pose, end: Place, radius: float) -> tuple[Curve, ...]:
     return tuple(_curve(word, part, radius) for word, part in zip(words, found, strict=True) if np.isfinite(part).all())
 
 
-@validate_arguments
 def shortest_curve(start: Pose, end: Place, radius: float) -> Curve:
     """Return the shortest curve from start to end whose radius of curvature [m] is nowhere below `radius`.
 

@@ -194,10 +194,12 @@ def test_limits_that_contradict_each_other_are_exit_code_1_and_both_named(tmp_pa
 
 
 def test_a_failed_solver_is_exit_code_3_with_its_status_and_no_number(tmp_path):
-    # a solver that may not take a single step has no answer
     code = (
-        "import functools, obsdesign.design.climbing as climbing\n"
-        "climbing.Limits = functools.partial(climbing.Limits, iterations=0)\n"
+        "import obsdesign.study.running as running\n"
+        "from obsdesign.errors import SolveError\n"
+        "from obsdesign.status import Status\n"
+        "def failed(*_, **__): raise SolveError('trajectory design', Status.ITERATION_LIMIT)\n"
+        "running.design_trajectory = failed\n"
         "from obsdesign.cli import main\n"
         "main(['run', 'scenario.toml', '--jobs', '1'])\n"
     )
