@@ -124,6 +124,22 @@ def test_what_is_not_finite_is_refused_by_its_entry():
         od.select_sensors(blocks)
 
 
+@pytest.mark.parametrize("factor", [1e-300, 1e-155, 1e155, 1e300])
+def test_numbers_whose_squares_are_none_are_refused(factor: float):
+    with pytest.raises(od.InputError, match=r"blocks: all sensors together know .* of state 0: must be 0, or from 1e-152 to 1e\+154"):
+        od.select_sensors(factor * random_blocks(2, 2, 2, 2))
+
+
+def test_what_is_known_is_refused_where_32_digits_do_not_tell_it_from_nothing():
+    """Two blocks of rank 1, three states: log det = log(1e-200 det), which sums of numbers about 1 do not show."""
+    with pytest.raises(od.InputError, match=r"known: its entry \[0, 0\] is 1e-200, beside .*: must be 0, or at least 1e-26 of that"):
+        od.select_sensors(random_blocks(2, 2, 3, 1), criterion=od.LogDet(), known=1e-200 * np.eye(3))
+    blocks, known = np.zeros((1, 1, 2, 2)), np.diag([1e-8, 1e-8])
+    blocks[0, 0] = 1.0
+    schedule = od.select_sensors(blocks, criterion=od.LogDet(), known=known)  # det = (1 + 1e-8)^2 - 1
+    assert schedule.value == pytest.approx(math.log(2e-8 + 1e-16), abs=1e-9)
+
+
 # ---------------------------------------------------------------- trying all
 
 
@@ -440,16 +456,22 @@ def wrong(seed: int) -> str:
     return "; ".join(what for what, is_so in said.items() if is_so)
 
 
-@pytest.mark.parametrize("batch", range(5))
-def test_three_hundred_problems_of_24_decades_against_rational_arithmetic(batch: int):
-    found = {seed: what for seed in range(60 * batch, 60 * batch + 60) if (what := wrong(seed))}
+@pytest.mark.parametrize("batch", range(3))
+def test_sixty_problems_of_24_decades_against_rational_arithmetic(batch: int):
+    found = {seed: what for seed in range(20 * batch, 20 * batch + 20) if (what := wrong(seed))}
     assert not found
 
 
+@pytest.mark.parametrize("seed", [3214, 4060, 4414])
+def test_problems_that_were_wrong_once(seed: int):
+    """A warning of a division by 0; values short of 1e-9 and of eight digits, where all pivots are above 1e-6 but their product is not."""
+    assert not wrong(seed)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", range(97))
+@pytest.mark.parametrize("batch", range(100))
 def test_ten_thousand_problems_of_24_decades_against_rational_arithmetic(batch: int):
-    found = {seed: what for seed in range(300 + 100 * batch, 400 + 100 * batch) if (what := wrong(seed))}
+    found = {seed: what for seed in range(100 * batch, 100 * batch + 100) if (what := wrong(seed))}
     assert not found
 
 

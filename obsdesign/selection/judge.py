@@ -11,7 +11,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.selection.doubled import Pair
 from obsdesign.selection.precise import doubtful_directions, eliminated, roots, seen
 
-_SURE = 1e-6  # a pivot of a sum with unit sizes above which double precision leaves eight digits and more
+_SURE = 1e-6  # pivots of a sum B with unit sizes, and 1 / tr B^-1, above which double precision leaves eight digits and more
 _PLAIN = 1e-5  # a ratio of eigenvalues above which units do not matter
 _RIDGE, _TINY = 1e-13, 1e-100  # what keeps unseen nuisance states apart from 0
 _STIFF = 1e-10  # of the largest: what a state's share in a smallest eigenvalue counts at least in a search
@@ -79,7 +79,9 @@ class Judge:
         dead = (sizes[:, first:] <= 0).any(axis=1)
         B = V / d[:, :, None] / d[:, None, :] + np.eye(len(self.D)) * (sizes <= 0)[:, :, None]
         L, sure = _cholesky(B)
-        R = np.linalg.inv(L[:, first:, first:]) * (self.D[self.about] / d[:, first:])[:, None, :]
+        inverse = np.linalg.inv(L)  # rounding of B takes about eps tr B^-1 off its digits, also where no single pivot is small
+        sure &= np.sum(inverse**2, axis=(1, 2)) <= 1 / _SURE
+        R = inverse[:, first:, first:] * (self.D[self.about] / d[:, first:])[:, None, :]
         found = self.criterion.of_root(R)
         found[dead] = self.nothing
         return found, sure | dead

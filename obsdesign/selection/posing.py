@@ -22,7 +22,8 @@ from obsdesign.selection.schedule import require_blocks
 from obsdesign.selection.top import Top
 
 _MOST_PATTERNS = 50_000
-_MOST_HALVINGS = 500  # beyond that D^2 would overflow
+_LEAST, _MOST = 1e-152, 1e154  # what all sensors may know of a state: squares of it, and of 1 over it, are numbers
+_BESIDE = 1e-26  # of what all sensors know of a state: what is less, two doubles do not tell from nothing
 
 
 def posed(
@@ -64,9 +65,18 @@ def posed(
 
 def _units(blocks: np.ndarray, available: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Powers of two D (n,) with D_i^2 (known + all blocks)_ii about 1, so that scaling by them rounds nothing; 1 for what is unseen."""
-    total = np.diag(known) + np.einsum("ks,ksi->i", available, np.diagonal(blocks, axis1=2, axis2=3))
-    halves = np.round(np.log2(np.where(total > 0, total, 1.0)) / 2)
-    return np.exp2(-np.clip(halves, -_MOST_HALVINGS, _MOST_HALVINGS))
+    by_sensors = np.einsum("ks,ksi->i", available, np.diagonal(blocks, axis1=2, axis2=3))
+    total = np.diag(known) + by_sensors
+    for i in np.flatnonzero((total > 0) & ~((total >= _LEAST) & (total <= _MOST))):
+        raise InputError(
+            f"blocks: all sensors together know {total[i]:.3g} of state {i}: must be 0, or from {_LEAST:g} to {_MOST:g}; scale them"
+        )
+    for i in np.flatnonzero((np.diag(known) > 0) & (np.diag(known) < _BESIDE * by_sensors)):
+        raise InputError(
+            f"known: its entry [{i}, {i}] is {known[i, i]:.3g}, beside {by_sensors[i]:.3g} of all sensors together: "
+            f"must be 0, or at least {_BESIDE:g} of that"
+        )
+    return np.exp2(-np.round(np.log2(np.where(total > 0, total, 1.0)) / 2))
 
 
 def require_about(about: Sequence[int] | None, n: int) -> np.ndarray:
