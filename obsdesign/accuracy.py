@@ -167,7 +167,10 @@ def _by_structure(model: Model, x: np.ndarray, held: np.ndarray, step: float, to
     if bound is None:
         return None
     largest = np.abs(held).max(axis=-2)
-    error = bound.error(x.max(axis=0), *np.split(np.atleast_2d(largest).max(axis=0), [m]))
+    together = largest if largest.ndim == 1 else largest.max(axis=0)
+    error = bound.error(x.max(axis=0), together[:m], together[m:])
+    if error * step**4 <= tolerance:
+        return np.ones(len(x), dtype=int)
     if error * step**4 > tolerance:  # not all with one: each on its own
         each = np.broadcast_to(largest, (len(x), largest.shape[-1]))
         error = np.array([bound.error(one, *np.split(inputs, [m])) for one, inputs in zip(x, each, strict=True)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import math
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
@@ -32,7 +33,9 @@ class Kind:
 
     def accepts(self, value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
         """Return whether the value is accepted, with all of its entries."""
-        return self.passes(value) and (self.parts is None or all(kind.accepts(part) for _, part, kind in self.parts(value)))
+        if self.parts is None:
+            return self.passes(value)
+        return self.passes(value) and all(kind.accepts(part) for _, part, kind in self.parts(value))
 
     def refuse(self, what: str, value: Any) -> None:  # noqa: ANN401  # whatever a caller gave
         """Raise InputError for the first entry that is not accepted, or for the value itself."""
@@ -84,14 +87,18 @@ def _requirement(function: Callable[..., Any], public: Callable[..., Any]) -> Ca
     names = tuple(inspect.signature(function).parameters)
 
     @cache
-    def kinds() -> dict[str, Kind]:  # when first called: annotations may name what is not imported yet
-        return {name: kind_of(hint) for name, hint in _hints(function, public)}
+    def kinds() -> tuple[dict[str, Kind], tuple[Kind, ...]]:  # when first called: annotations may name what is not imported yet
+        known = {name: kind_of(hint) for name, hint in _hints(function, public)}
+        return known, tuple(known.get(name, _ANYTHING) for name in names)
 
     def require(prefix: str, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
-        accepted = kinds()
-        for name, value in (*zip(names, arguments, strict=False), *named.items()):
-            if name in accepted and not accepted[name].accepts(value):
-                accepted[name].refuse(prefix + name, value)
+        known, in_order = kinds()
+        for i, (kind, value) in enumerate(zip(in_order, arguments, strict=False)):
+            if not kind.accepts(value):
+                kind.refuse(prefix + names[i], value)
+        for name, value in named.items():
+            if name in known and not known[name].accepts(value):
+                known[name].refuse(prefix + name, value)
 
     return require
 
@@ -177,6 +184,8 @@ def _is_whole(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
 
 
 def _is_number(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
+    if type(value) is float:
+        return not math.isnan(value)
     if isinstance(value, bool) or not isinstance(value, Real):
         return False
     try:
@@ -186,8 +195,9 @@ def _is_number(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
 
 
 def _is_array(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
-    if type(value).__module__ == "numpy" and type(value).__name__ == "ndarray":
-        return value.dtype.kind in "biuf"
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    if kind:
+        return kind in "biuf"
     try:
         as_array("array", value)
     except InputError:
@@ -255,6 +265,9 @@ def _one_of(kinds: Sequence[Kind]) -> Kind:
             return iter(()) if any(kind.accepts(value) for kind in others) else (only.parts or (lambda _: iter(())))(value)
 
         return Kind(lambda value: any(kind.passes(value) for kind in kinds), accepted, parts)
+    if len(kinds) == 2 and kinds[1] is _PLAIN[NoneType]:
+        passes = kinds[0].accepts
+        return Kind(lambda value: value is None or passes(value), accepted)
     return Kind(lambda value: any(kind.accepts(value) for kind in kinds), accepted)
 
 
@@ -262,7 +275,12 @@ def _instance_of(family: type) -> Kind:
     """Return what accepts instances: of a family by its members' names, else by the name of the class."""
     leaves = sorted({each.__name__ for each in _leaves(family) if not each.__name__.startswith("_")})
     accepted = f"one of {', '.join(leaves)}" if inspect.isabstract(family) and leaves else f"a {family.__name__}"
-    return Kind(lambda value: isinstance(value, family), accepted)
+    seen: set[type] = set()  # classes of values that were accepted: an abstract base takes long to tell
+
+    def passes(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
+        return type(value) in seen or (isinstance(value, family) and not seen.add(type(value)))
+
+    return Kind(passes, accepted)
 
 
 def _leaves(family: type) -> Iterator[type]:

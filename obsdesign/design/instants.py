@@ -108,7 +108,7 @@ def instants_of(model: Model, constraints: tuple[AbstractConstraint, ...]) -> In
     parts = [ca.SX(margin) for constraint in constraints for margin in constraint.margins(moment)]
     column, drift = ca.vertcat(*parts) if parts else ca.SX(0, 1), model.drift + model.B @ model.u
     rate, margins = ca.Function("rate", [model.x, model.u], [drift]), ca.Function("margins", [model.x, model.u], [column])
-    then = rk4(lambda x: ca.SX(rate(x, model.u)), model.x, tau)  # pyright: ignore[reportArgumentType]  # a symbol serves as well
+    then = rk4(lambda x: ca.SX(rate(x, model.u)), model.x, tau)  # a symbol serves as well
     first = lie_derivative(column, model.x, drift)
     second = lie_derivative(first, model.x, drift)
     return Instants(model.x, model.u, tau, then, ca.SX(margins(then, model.u)), (column, first, second))

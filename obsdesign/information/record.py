@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor
 from obsdesign.errors import InputError
 from obsdesign.information.origin import Origin
@@ -16,7 +15,6 @@ from obsdesign.information.samples import Samples
 from obsdesign.round_off import Sight, reweighed, rows_of, sight_of_sum
 
 
-@validate_arguments
 @dataclass(frozen=True, eq=False)
 class Information:
     """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.
@@ -36,9 +34,19 @@ class Information:
     origin: Origin | None = None
 
     def __post_init__(self) -> None:
-        blocks = np.asarray(self.blocks, dtype=float)
+        blocks = self.blocks if isinstance(self.blocks, np.ndarray) and self.blocks.dtype == float else as_array("blocks", self.blocks)
+        if not isinstance(self.names, tuple) or any(not isinstance(name, str) for name in self.names):
+            raise InputError(f"information: names are {self.names!r}: must be a tuple of texts, one for each sensor")
         if blocks.ndim != 4 or blocks.shape[1] != len(self.names) or blocks.shape[2] != blocks.shape[3]:
             raise InputError(f"information: blocks {blocks.shape} do not fit (N, {len(self.names)}, n, n)")
+        if self.transition is not None:
+            transition = as_array("transition", self.transition)
+            if transition.shape != blocks.shape[2:]:
+                raise InputError(f"information: transition has shape {transition.shape}: must be {blocks.shape[2:]}")
+            object.__setattr__(self, "transition", transition)
+        for what, value, kind in (("samples", self.samples, Samples), ("origin", self.origin, Origin)):
+            if value is not None and not isinstance(value, kind):
+                raise InputError(f"information: {what} is {value!r}: must be made by a Gramian, or None")
         if blocks.flags.writeable:  # someone else may still write to it
             blocks = blocks.copy()
             blocks.setflags(write=False)
