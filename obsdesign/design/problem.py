@@ -199,7 +199,7 @@ class DesignProblem:
 
     def scaled(self, W: np.ndarray) -> np.ndarray:
         """S W S (..., n, n), without unit."""
-        return W * self.units[:, None] * self.units
+        return W * (self.units[:, None] * self.units)  # in this order what is symmetric stays so, to the last bit
 
     def counted(self, W: np.ndarray) -> np.ndarray:
         """S (W + known) S (..., n, n), without unit: what of the samples' information W (..., n, n) and of `known` the criterion sees."""
