@@ -96,3 +96,36 @@ def test_long_numbers_that_do_not_matter_change_nothing():
     )
     assert (found.dimension, found.decided) == (2, True)
     assert WITHIN not in found.proof
+
+
+def linear(drift, unknown, outputs):
+    x = ca.SX.sym("x", len(drift))
+    system = od.ControlAffineSystem(
+        x, tuple(f"x{i}" for i in range(len(drift))), drift=ca.SX(drift) @ x, unknown={"w": unknown}, outputs={"y": ca.SX(outputs).T @ x}
+    )
+    return od.observability(system)
+
+
+def test_an_unknown_input_that_cancels_within_rounding_decides_nothing():
+    # y' = c + (.0072 * 5/9e-12 - 4e-15) w = c exactly, with 0.4 / 7.2e11 as a fraction: y and c are seen, 2 of 3. As doubles w has a part in y'
+    drift = [[0, 0, 0], [0, 0, 1], [0, 0, 0]]
+    found = linear(drift, ca.vertcat(ca.SX(0.4) / 7.2e11, -4e-15, 0), [0.0072, 1, 0])
+    assert (found.dimension, found.decided, found.stopped_by) == (1, False, "precision")
+    assert f"as they stand it is 1, {WITHIN} 2 of 3" in found.proof
+    exact = linear(drift, ca.vertcat(1, -0.0072, 0), [0.0072, 1, 0])
+    assert (exact.dimension, exact.decided) == (2, True)
+    apart = linear(drift, ca.vertcat(1, -0.0072 - 1e-9, 0), [0.0072, 1, 0])  # w is in y', and as free as c
+    assert (apart.dimension, apart.decided) == (1, True)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_products_of_typed_numbers_that_cancel_an_input_are_never_decided_wrongly(seed):
+    # y = p a + q b and the field (q, -p): w is in no derivative of y + drift (0, c): 2 of 3, y and c, whatever p and q. Typed as products
+    # and quotients of decimals, the doubles need not cancel
+    generator = np.random.default_rng(seed)
+    p, q, scale = (int(each) / 1000 for each in generator.integers(1, 10**6, 3))
+    size = 10.0 ** int(generator.integers(-12, 13))
+    field = ca.vertcat(ca.SX(q * scale) / scale * size, -(ca.SX(p) * size), 0)
+    found = linear([[0, 0, 0], [0, 0, 1], [0, 0, 0]], field, [p, q, 0])
+    assert not found.decided or found.dimension == 2
+    assert found.dimension <= 2

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from obsdesign.analysis.equations import Equations, meant, typed
 from obsdesign.analysis.finding import NEARLY_SINGULAR, Finding
 from obsdesign.analysis.places import Place
-from obsdesign.analysis.rounding import lower_within, rounded_constants, rounded_states
+from obsdesign.analysis.rounding import neighbour_within, rounded_constants, rounded_states
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.rank.numbers import Irrational, Meaning, Number
 
@@ -41,7 +41,7 @@ def with_doubts(question: AbstractQuestion, place: Place | None, at: Sequence[fl
 
     at (n,): the place as it was given, if one was. A constant of more than 12 digits may be the rounded product of shorter ones. Where
     the rank is n with what was meant, by pivots that no rounding reaches, it is n. Otherwise the constants are taken as they stand, too;
-    and where the rank is lower at a point within rounding, that is said of the states, and not decided for constants.
+    and where the rank is another at a point within rounding, that is said of the states, and not decided for constants.
     """
     found = question.answer(place, meant)
     verdict, doubtful = question.worded(found), [(value, number) for value, number in found.equations.read if typed(value) != number]
@@ -51,19 +51,20 @@ def with_doubts(question: AbstractQuestion, place: Place | None, at: Sequence[fl
 
 
 def _within_rounding(question: AbstractQuestion, found: Answer, verdict: Verdict, at: Sequence[float], seed: int) -> Verdict:
-    """Return the verdict with what is seen at a point within rounding, where that is less."""
+    """Return the verdict with what is seen at a point within rounding, where that is another dimension."""
     numbers = [*rounded_constants(found.equations), *rounded_states(at)]
     if not numbers:
         return verdict
     finding, n = found.finding, verdict.null_space.shape[0]
-    lower = lower_within(found.equations, found.place or finding.place, numbers, finding.dimension, len(finding.ranks) - 1, seed)
-    if lower is None:
+    neighbour = neighbour_within(found.equations, found.place or finding.place, numbers, finding.dimension, len(finding.ranks) - 1, seed)
+    if neighbour is None:
         return verdict
-    words = f"within the rounding of the numbers given it is {lower.rank.rank} of {n}"
-    if not lower.by_constants:
+    words = f"within the rounding of the numbers given it is {neighbour.rank.rank} of {n}"
+    if not neighbour.by_constants:
         return replace(verdict, proof=f"{verdict.proof}; {words}")
+    lower = min(finding.rank, neighbour.rank, key=lambda rank: rank.rank)
     undecided = replace(
-        finding, rank=lower.rank, stopped_by="precision", at_most=f"not decided: as they stand it is {finding.dimension}, {words}"
+        finding, rank=lower, stopped_by="precision", at_most=f"not decided: as they stand it is {finding.dimension}, {words}"
     )
     return question.worded(replace(found, finding=undecided))
 

@@ -9,7 +9,7 @@ no more than r is seen within the rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -22,18 +22,16 @@ from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.places import Place
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.numbers import Number, as_ball
+from obsdesign.rank.pivoting import Pivots, Rows, Scales, pivots_of, scales_of, schur_complement
 from obsdesign.rank.reading import ROUNDINGS, is_exact, is_residue
 
 SMALL = 1e-9
 """Pivots below this, relative to rows and columns scaled to 1, may be of the size of rounding errors of doubles."""
-_BITS, _STEP, _NOTHING = 768, 256, 1e-40
+_BITS, _STEP = 768, 256
 _VANISHED = 1e-6  # of what was left: Newton's method leaves its square
 _FARTHEST = 1.5  # units of rounding: the smallest sum of squares is not the smallest largest step
 _ORDERS, _FEW = 40, 8  # derivatives that are taken: 2 n + 12 of them where the states are few
 _LEFT_OVER = (1e-20, 1e-12)  # a long number of this size may be what is left of 0 where numbers of size 1e-4 to 1e4 cancel
-
-Rows = list[list[arb]]
-Pivots = list[tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Rounded:
 
 
 @dataclass(frozen=True, eq=False)
-class Lower:
+class Neighbour:
     """The rank at a point within rounding, and whether constants differ there."""
 
     rank: Rank
@@ -68,37 +66,74 @@ def _distance(value: float) -> Fraction:
     return Fraction(abs(value)) if cancelled else ROUNDINGS * Fraction(math.ulp(value))
 
 
-def lower_within(equations: Equations, place: Place, numbers: Sequence[Rounded], found: int, order: int, seed: int) -> Lower | None:
-    """Return the rank at a point within rounding where it is lower than was found; None where there is none, or none is found.
+def neighbour_within(equations: Equations, place: Place, numbers: Sequence[Rounded], rank: int, order: int, seed: int) -> Neighbour | None:
+    """Return another rank at a point within rounding; None where there is none, or none is found.
 
-    found, order: the rank at the place, and the order of derivatives at which it was reached.
+    rank, order: the rank at the place, and the order of derivatives at which it was reached. The rank of what is asked about is
+    rank J - rank J_w: it is lower where J loses a pivot, and higher where J_w does, so that a row of J is free of unknown inputs.
     """
-    count, n = 2 if equations.known else 1, equations.asked
+    full = rank == equations.asked
+    orders = min(2 * equations.n + 12 if equations.n <= _FEW else max(order, equations.n) + 1, _ORDERS)
+    at = _Point(Experiments(equations, place, orders, 2 if equations.known else 1, seed))
     with flint.ctx.workprec(_BITS // 4):
-        if _at_least(_Point(Experiments(equations, place, order, count, seed)).within(numbers), found):
+        box = _Point(replace(at.experiments, orders=order)).within(numbers)
+        keeps_rank = _at_least(box, rank)
+        if keeps_rank and (full or not equations.unknown or _keeps_inputs(at.within(numbers))):
             return None
     with flint.ctx.workprec(_BITS):
-        orders = min(2 * equations.n + 12 if equations.n <= _FEW else max(order, equations.n) + 1, _ORDERS)
-        at = _Point(Experiments(equations, place, orders, count, seed))
-        if _at_least(at.within(numbers), found):
-            return None
-        within = at.within(numbers).experiments.rows()
-        if not all(entry.is_finite() for row in within for entry in row):
-            return None
-        scales = _scales(within)
-        pivots = _eliminated(scales.of(at.rows()), at.eliminated)
-        if sum(j >= at.eliminated for _, (_, j) in pivots) < found:
-            return None
-        least = sum(j < at.eliminated or size > SMALL for size, (_, j) in pivots)
-        for kept in range(least, len(pivots)):
-            for chosen in ([each for each in numbers if not each.is_constant], numbers):
-                there = _newton(at, chosen, [pivot for _, pivot in pivots[:kept]], scales)
-                if there is not None:
-                    every = there.experiments.rows()
-                    rows = [every[i] for _, (i, _) in pivots[:kept]]
-                    rank = rank_of(lambda rows=rows: rows, n, at.eliminated, confirmed=False, precisions=(_BITS,))
-                    return Lower(rank, any(each.is_constant for each in chosen))
+        box = at.within(numbers)
+        lower = None if keeps_rank or _at_least(box, rank) else _lower(at, box, numbers, rank)
+        return lower or (None if full or _keeps_inputs(box) else _higher(at, box, numbers, rank))
+
+
+def _lower(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> Neighbour | None:
+    """Return the rank where a pivot of J vanishes."""
+    rows = box.rows_as_balls()
+    if not _are_finite(rows):
+        return None
+    scales = scales_of(rows)
+    pivots = pivots_of(scales.of(at.rows()), at.eliminated)
+    if sum(j >= at.eliminated for _, (_, j) in pivots) < rank:
+        return None
+    least = sum(j < at.eliminated or size > SMALL for size, (_, j) in pivots)
+    for there, kept, by_constants in _vanishing(at, numbers, pivots, least, scales, at.width):
+        remaining = [there[i] for i, _ in kept]
+        smaller = rank_of(lambda rows=remaining: rows, at.width - at.eliminated, at.eliminated, confirmed=False, precisions=(_BITS,))
+        return Neighbour(smaller, by_constants)
     return None
+
+
+def _higher(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> Neighbour | None:
+    """Return the rank where a pivot of J_w vanishes, if it is higher there.
+
+    Columns of J_w without a pivot are combinations of those with one where the rest of J_w vanishes: they are left out.
+    """
+    rows = box.rows_as_balls()
+    if not _are_finite(rows):
+        return None
+    inputs = at.eliminated
+    scales = scales_of([row[:inputs] for row in rows])
+    pivots = pivots_of(scales.of(_leading(at.rows(), inputs)), inputs)
+    least = sum(size > SMALL for size, _ in pivots)
+    for there, kept, by_constants in _vanishing(at, numbers, pivots, least, scales, inputs):
+        reduced = [[row[j] for _, j in kept] + row[inputs:] for row in there]
+        larger = rank_of(lambda rows=reduced: rows, at.width - inputs, len(kept), confirmed=False, precisions=(_BITS,))
+        if larger.rank > rank:
+            return Neighbour(larger, by_constants)
+    return None
+
+
+def _vanishing(
+    at: _Point, numbers: Sequence[Rounded], pivots: Sequence[tuple[float, tuple[int, int]]], least: int, scales: Scales, width: int
+) -> Iterator[tuple[Rows, Pivots, bool]]:
+    """Yield J at the points within rounding where what some of the pivots leave of its first columns vanishes, these pivots, and whether
+    constants differ there; states are moved first."""
+    for count in range(least, len(pivots)):
+        kept = [pivot for _, pivot in pivots[:count]]
+        for chosen in ([number for number in numbers if not number.is_constant], numbers):
+            there = _newton(at, chosen, kept, scales, width)
+            if there is not None:
+                yield there.rows_as_balls(), kept, any(number.is_constant for number in chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +145,14 @@ class _Point:
     @property
     def eliminated(self) -> int:
         return self.experiments.eliminated
+
+    @property
+    def width(self) -> int:
+        return self.experiments.width
+
+    def rows_as_balls(self) -> Rows:
+        """Return J."""
+        return self.experiments.rows()
 
     def rows(self) -> Rows:
         """Return J with the midpoints of its entries."""
@@ -132,94 +175,48 @@ class _Point:
 
 
 def _at_least(points: _Point, rank: int) -> bool:
-    """Return whether the rank is at least so much at all of the points, by proof."""
-    rows = points.experiments.rows()
-    if not all(entry.is_finite() for row in rows for entry in row):
+    """Return whether the rank of what is asked about is at least so much at all of the points, by proof."""
+    return _rank_at_least(points.rows_as_balls(), points.eliminated, rank)
+
+
+def _keeps_inputs(points: _Point) -> bool:
+    """Return whether J_w has the same rank at all of the points, by proof."""
+    if not points.eliminated:
+        return True
+    rows = _leading(points.rows_as_balls(), points.eliminated)
+    middle = [[entry.mid() for entry in row] for row in rows]
+    most = rank_of(lambda: middle, points.eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank
+    return _rank_at_least(rows, 0, most)
+
+
+def _rank_at_least(rows: Rows, eliminated: int, rank: int) -> bool:
+    if not _are_finite(rows):
         return False
-    eliminated = points.eliminated
     return rank_of(lambda: rows, len(rows[0]) - eliminated, eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank >= rank
 
 
-@dataclass(frozen=True)
-class _Scales:
-    """Powers of 2 by which rows and columns are divided."""
-
-    rows: tuple[int, ...]
-    columns: tuple[int, ...]
-
-    def of(self, rows: Rows) -> Rows:
-        """Return the rows scaled."""
-        exponents = zip(rows, self.rows, strict=True)
-        return [_halved(row, [width + exponent for width in self.columns]) for row, exponent in exponents]
+def _are_finite(rows: Rows) -> bool:
+    return all(entry.is_finite() for row in rows for entry in row)
 
 
-def _scales(within: Rows) -> _Scales:
-    """Return what makes the largest entry of each row and column 1; an entry that is all rounding counts as no more than 1e-12."""
-    rows = [[max(abs(entry.mid()), entry.rad() * 2**40) for entry in row] for row in within]
-    heights = [_exponent(row) for row in rows]
-    widths = [_exponent([_halved([row[j]], [height])[0] for row, height in zip(rows, heights, strict=True)]) for j in range(len(rows[0]))]
-    return _Scales(tuple(heights), tuple(widths))
+def _leading(rows: Rows, width: int) -> Rows:
+    return [row[:width] for row in rows]
 
 
-def _newton(at: _Point, numbers: Sequence[Rounded], pivots: Pivots, scales: _Scales) -> _Point | None:
-    """Return the point within rounding at which what is left after the pivots vanishes; None where there is none."""
+def _newton(at: _Point, numbers: Sequence[Rounded], pivots: Pivots, scales: Scales, width: int) -> _Point | None:
+    """Return the point within rounding at which what is left of the first columns after the pivots vanishes; None where there is none."""
     if not numbers:
         return None
-    left = _left(scales.of(at.rows()), pivots)
+    left = schur_complement(scales.of(_leading(at.rows(), width)), pivots)
     size = max(abs(entry) for entry in left)
     slopes: list[list[float]] = []
     for number in numbers:
-        further = _left(scales.of(at.moved([number], [number.distance / 2**_STEP]).rows()), pivots)
+        further = schur_complement(scales.of(_leading(at.moved([number], [number.distance / 2**_STEP]).rows(), width)), pivots)
         slopes.append([float((b - a) * 2**_STEP / size) for a, b in zip(left, further, strict=True)])
     wanted = np.array([-float(entry / size) for entry in left])
     steps = np.linalg.lstsq(np.array(slopes).T, wanted, rcond=1e-12)[0]
     if np.abs(steps).max() > _FARTHEST:
         return None
     there = at.moved(numbers, [number.distance * Fraction(float(step)) for number, step in zip(numbers, steps, strict=True)])
-    after = max(abs(entry) for entry in _left(scales.of(there.rows()), pivots))
+    after = max(abs(entry) for entry in schur_complement(scales.of(_leading(there.rows(), width)), pivots))
     return there if after < _VANISHED * size else None
-
-
-def _eliminated(rows: Rows, first: int) -> list[tuple[float, tuple[int, int]]]:
-    """Return size, row and column of the pivots of full pivoting, those of the first columns first."""
-    pivots: list[tuple[float, tuple[int, int]]] = []
-    for columns in (range(first), range(first, len(rows[0]))):
-        while True:
-            used, taken = {i for _, (i, _) in pivots}, {j for _, (_, j) in pivots}
-            free = [(abs(rows[i][j]), i, j) for i in range(len(rows)) if i not in used for j in columns if j not in taken]
-            size, i, j = max(free, default=(arb(0), 0, 0))
-            if not free or size < _NOTHING:
-                break
-            rows = _cleared(rows, i, j, used)
-            pivots.append((float(size), (i, j)))
-    return pivots
-
-
-def _left(rows: Rows, pivots: Pivots) -> list[arb]:
-    """Return what the pivots leave of the other rows and columns."""
-    used: set[int] = set()
-    for i, j in pivots:
-        rows = _cleared(rows, i, j, used)
-        used.add(i)
-    columns = {j for _, j in pivots}
-    return [entry for i, row in enumerate(rows) if i not in used for j, entry in enumerate(row) if j not in columns]
-
-
-def _cleared(rows: Rows, i: int, j: int, used: set[int]) -> Rows:
-    """Return the rows with the column of the pivot cleared in the rows that have none."""
-    pivot = rows[i]
-    cleared = []
-    for k, row in enumerate(rows):
-        factor = row[j] / pivot[j]
-        skip = k == i or k in used or not factor
-        cleared.append(row if skip else [(entry - factor * other).mid() for entry, other in zip(row, pivot, strict=True)])
-    return cleared
-
-
-def _exponent(entries: Sequence[arb]) -> int:
-    mantissa, exponent = max((abs(entry) for entry in entries), default=arb(0)).man_exp()
-    return int(exponent) + int(mantissa).bit_length()
-
-
-def _halved(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
-    return [entry * arb((1, -exponent)) for entry, exponent in zip(row, exponents, strict=True)]
