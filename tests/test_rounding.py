@@ -107,7 +107,7 @@ def linear(drift, unknown, outputs):
 
 
 def test_an_unknown_input_that_cancels_within_rounding_decides_nothing():
-    # y' = c + (.0072 * 5/9e-12 - 4e-15) w = c exactly, with 0.4 / 7.2e11 as a fraction: y and c are seen, 2 of 3. As doubles w has a part in y'
+    # y' = c + (.0072 * 5/9e-12 - 4e-15) w = c exactly, with 0.4 / 7.2e11 as a fraction: 2 of 3. As doubles w has a part in y'
     drift = [[0, 0, 0], [0, 0, 1], [0, 0, 0]]
     found = linear(drift, ca.vertcat(ca.SX(0.4) / 7.2e11, -4e-15, 0), [0.0072, 1, 0])
     assert (found.dimension, found.decided, found.stopped_by) == (1, False, "precision")
