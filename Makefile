@@ -27,7 +27,7 @@ lint: $(READY)
 	$(BIN)/pyright
 	$(BIN)/lint-imports --no-cache
 
-# The committed examples are what a reader sees without running anything.
+# The committed examples are what a reader sees without running anything: one page, and the numbers of every scenario.
 examples: $(READY)
 	for scenario in scenarios/*.toml; do \
 	  $(BIN)/obsdesign run $$scenario --out reports/examples/$$(basename $$scenario .toml) || exit 1; \

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import zipfile
 
 from conftest import ROOT
 
@@ -29,9 +30,23 @@ def test_the_verdict_example_runs_and_says_what_it_promises():
 
 
 def test_every_file_it_links_to_exists():
-    links = [link for link in re.findall(r"\]\(([^)]+)\)", README) if "://" not in link]
+    # whole addresses, as a package index shows the text without the files beside it
+    links = re.findall(r"\]\(([^)]+)\)", README)
+    ours = [
+        re.fullmatch(r"https://(?:raw\.githubusercontent|github)\.com/obsdesign/obsdesign/(?:blob/|tree/)?main/(.+)", link)
+        for link in links
+    ]
     assert links
-    assert [link for link in links if not (ROOT / link).exists()] == []
+    assert [link for link in links if "://" not in link] == []
+    assert [match[1] for match in ours if match and not (ROOT / match[1]).exists()] == []
+
+
+def test_a_wheel_brings_the_scenarios_to_start_from(tmp_path):
+    subprocess.run([sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path], cwd=ROOT, check=True, capture_output=True)
+    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as wheel:
+        names = set(wheel.namelist())
+    assert {f"obsdesign/starters/{path.name}" for path in (ROOT / "scenarios").glob("*.toml")} <= names
+    assert {"obsdesign/__init__.pyi", "obsdesign/py.typed"} <= names
 
 
 def test_every_command_is_a_target_of_the_makefile():
