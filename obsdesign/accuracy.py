@@ -63,7 +63,7 @@ class RoundedError(InputError):
 def substeps_for(walks: Walks, tolerance: float) -> np.ndarray:
     """Return for each path the fewest sub-steps (M,) that meet the tolerance, of those tried.
 
-    From the graph alone where that has a bound; otherwise by comparing steps with finer ones and taking more as order 4 has it.
+    By comparing steps with finer ones and taking more as order 4 has it: for what `substeps_from` leaves open.
     Raises InputError where more sub-steps than can be made would be needed, with a step that would do, tried out; and where
     rounding alone is above the tolerance.
     """
@@ -77,10 +77,6 @@ def substeps_for(walks: Walks, tolerance: float) -> np.ndarray:
         if exact and count > 1:
             continue
         some = walks.some(rows)
-        if count == 1 and (bound := quadrature_of(model)) is not None:
-            by_structure = _by_structure(model, bound.reach(_largest(some)), walks.held, step, tolerance)
-            if by_structure is not None:
-                return by_structure
         error, stuck = _judged(some, count, tolerance, before, stuck)
         missed, later = error > 1, np.array([2 if exact else min(most, _more(count, each)) for each in error])
         if missed.any() and count >= most:
@@ -89,10 +85,6 @@ def substeps_for(walks: Walks, tolerance: float) -> np.ndarray:
             own = missed & (later == each)
             waiting.append((rows[own], int(each), error[own], stuck[own]))
     return found
-
-
-def _largest(walks: Walks) -> np.ndarray:
-    return np.abs(walks.x) if walks.simulated else np.abs(walks.x).max(axis=1)
 
 
 def _judged(walks: Walks, count: int, tolerance: float, before: np.ndarray, stuck: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,34 +144,36 @@ def _estimated(step: float, error: float) -> float | None:
     return step / (_SAFETY * error) ** 0.25 if isfinite(error) else None
 
 
-def substeps_from(model: Model, starts: np.ndarray, held: np.ndarray, step: float, tolerance: float) -> np.ndarray | None:
+def substeps_from(
+    model: Model, starts: np.ndarray, u: np.ndarray, w: np.ndarray | None, step: float, tolerance: float
+) -> np.ndarray | None:
     """Return sub-steps (M,) that are enough by the graph alone, None if that is open.
 
-    starts (M, n); held: inputs (N, m + p), or (M, N, m + p), each path its own.
+    starts (M, n); inputs u (N, m), or (M, N, m), each path its own, and w likewise, None = 0. Raises InputError as `substeps_for`.
     """
     bound = quadrature_of(model)
-    return None if bound is None else _by_structure(model, bound.reach(starts), held, step, tolerance)
-
-
-def _by_structure(model: Model, x: np.ndarray, held: np.ndarray, step: float, tolerance: float) -> np.ndarray | None:
-    """The same for magnitudes x (M, n) of the states."""
-    bound, m = quadrature_of(model), len(model.inputs)
     if bound is None:
         return None
-    largest = np.abs(held).max(axis=-2)
-    together = largest if largest.ndim == 1 else largest.max(axis=0)
-    error = bound.error(x.max(axis=0), together[:m], together[m:])
-    if error * step**4 <= tolerance:
-        return np.ones(len(x), dtype=int)
-    if error * step**4 > tolerance:  # not all with one: each on its own
-        each = np.broadcast_to(largest, (len(x), largest.shape[-1]))
-        error = np.array([bound.error(one, *np.split(inputs, [m])) for one, inputs in zip(x, each, strict=True)])
-    counts = np.broadcast_to(step * (np.asarray(error) / tolerance) ** 0.25, len(x))
+    idle = np.zeros(len(model.unknown_inputs))
+    sizes = [np.abs(starts), _largest(u), idle if w is None or not idle.size else _largest(w)]
+    error = bound.error(*[size if size.ndim == 1 else size[0] if len(size) == 1 else np.maximum.reduce(size) for size in sizes])
+    count = step * (error / tolerance) ** 0.25
+    if count <= 1:
+        return np.ones(len(starts), dtype=int)
+    if count > 1:  # not all with one: each on its own
+        each = [np.broadcast_to(size, (len(starts), size.shape[-1])) for size in sizes]
+        error = np.array([bound.error(*own) for own in zip(*each, strict=True)])
+    counts = np.broadcast_to(step * (np.asarray(error) / tolerance) ** 0.25, len(starts)) * (1 - 1e-12)
     if not np.isfinite(counts).all():
         return None
-    if counts.max() > MOST:
-        raise CoarseError(step, MOST, float((counts.max() / MOST) ** 4), tolerance)
-    return np.maximum(1, np.ceil(counts * (1 - 1e-12))).astype(int)
+    if (most := float(counts.max())) > MOST:
+        raise CoarseError(step, MOST, (most / MOST) ** 4, tolerance, step / ceil(most / MOST))
+    return np.maximum(1, np.ceil(counts)).astype(int)
+
+
+def _largest(inputs: np.ndarray) -> np.ndarray:
+    """Return the largest magnitude of each input, (m,) or (M, m)."""
+    return np.maximum.reduce(np.abs(inputs), axis=-2)
 
 
 def _more(count: int, error: float) -> int:

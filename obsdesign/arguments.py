@@ -37,6 +37,11 @@ class Kind:
             return self.passes(value)
         return self.passes(value) and all(kind.accepts(part) for _, part, kind in self.parts(value))
 
+    @property
+    def test(self) -> Callable[[Any], bool]:
+        """The test alone where there are no entries, which is all that is asked of most values."""
+        return self.passes if self.parts is None else self.accepts
+
     def refuse(self, what: str, value: Any) -> None:  # noqa: ANN401  # whatever a caller gave
         """Raise InputError for the first entry that is not accepted, or for the value itself."""
         for where, part, kind in self.parts(value) if self.parts is not None and self.passes(value) else ():
@@ -87,15 +92,15 @@ def _requirement(function: Callable[..., Any], public: Callable[..., Any]) -> Ca
     names = tuple(inspect.signature(function).parameters)
 
     @cache
-    def kinds() -> tuple[dict[str, Kind], tuple[Kind, ...]]:  # when first called: annotations may name what is not imported yet
+    def kinds() -> tuple[dict[str, Kind], tuple[Callable[[Any], bool], ...]]:  # when first called: annotations may name what comes later
         known = {name: kind_of(hint) for name, hint in _hints(function, public)}
-        return known, tuple(known.get(name, _ANYTHING) for name in names)
+        return known, tuple(known.get(name, _ANYTHING).test for name in names)
 
     def require(prefix: str, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
-        known, in_order = kinds()
-        for i, (kind, value) in enumerate(zip(in_order, arguments, strict=False)):
-            if not kind.accepts(value):
-                kind.refuse(prefix + names[i], value)
+        known, tests = kinds()
+        for i, (test, value) in enumerate(zip(tests, arguments, strict=False)):
+            if not test(value):
+                known[names[i]].refuse(prefix + names[i], value)
         for name, value in named.items():
             if name in known and not known[name].accepts(value):
                 known[name].refuse(prefix + name, value)
@@ -254,6 +259,8 @@ def _table(key: Kind, value: Kind) -> Kind:
 
 
 def _one_of(kinds: Sequence[Kind]) -> Kind:
+    if len(kinds) == 1:
+        return kinds[0]
     last = [kind for kind in kinds if kind.accepted != "None"] + [kind for kind in kinds if kind.accepted == "None"]
     accepted = " or ".join(dict.fromkeys(kind.accepted for kind in last))
     containers = [kind for kind in kinds if kind.parts is not None]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def _is_finite_number(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if type(value) is not float and (isinstance(value, bool) or not isinstance(value, Real)):
         return False
     try:
         return math.isfinite(value)
@@ -37,7 +37,7 @@ def require_within(what: str, value: Any, below: float = math.inf) -> None:  # n
 
 def require_tolerance(value: Any) -> None:  # noqa: ANN401  # whatever a caller gave
     """Raise InputError unless 0 < tolerance < 1."""
-    if isinstance(value, bool) or not (isinstance(value, Real) and 0 < float(value) < 1):
+    if not (_is_finite_number(value) and 0 < value < 1):
         raise InputError(f"tolerance is {value!r}: must be a number above 0 and below 1, the relative error that steps may have")
 
 

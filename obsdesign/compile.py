@@ -122,7 +122,7 @@ def _loaded(target: Path, entry: str) -> Compiled:
     """Open a compiled file; one that does not open is thrown away, for the next to make it anew."""
     try:
         found = getattr(ctypes.CDLL(str(target)), entry)
-        found.argtypes = [ctypes.c_longlong] * 2 + [ctypes.c_void_p] * 6
+        found.argtypes = [ctypes.c_longlong] * 2 + [ctypes.c_void_p] * 5
     except (OSError, AttributeError):
         target.unlink(missing_ok=True)
         raise

@@ -21,45 +21,34 @@ _CACHED = 64
 class Quadrature:
     """Rates that within a step are functions of time, x'_i = g_i(z_0 + t z'), as z' is made of held inputs: RK4 is Simpson's rule.
 
-    bound: magnitudes of (x, u, w), the larger ones inf, -> sup |d4 g / dt4| and sup |g| (r,), g all rates and their slopes to z and w.
+    bound: magnitudes of (x, u, w), the larger ones inf, -> c of `error`, with g all rates and their slopes to z and w.
     """
 
     bound: ca.Function
-    still: np.ndarray  # (n,) bool: states that nothing moves
-
-    def reach(self, starts: np.ndarray) -> np.ndarray:
-        """Return the largest magnitudes (M, n) that the states get to from starts (M, n): inf for those that anything moves."""
-        return np.where(self.still, np.abs(starts), np.inf)
+    far: np.ndarray  # (n,): how far a state gets at least from a start at 0, 0 for those that nothing moves, inf for others
 
     def error(self, x: np.ndarray, u: np.ndarray, w: np.ndarray) -> float:
         """Return c in |x_RK4 - x| <= c step^4 |x'| step, and the same for dx/dz and dx/dw, NaN where the graph gives no bound.
 
-        c = sup |d4 g / dt4| / (2880 sup |g|), the error of Simpson's rule; x (n,), u (m,), w (p,): the largest magnitudes.
+        c = max_i sup |d4 g_i / dt4| / (2880 sup |g_i|), the error of Simpson's rule; x (n,) at the start, u (m,), w (p,): the largest
+        magnitudes.
         """
-        fourth, size = self._bounds(x, u, w)
-        if not (np.isfinite(fourth).all() and np.isfinite(size).all()):
-            return float("nan")
-        return float(np.max(np.divide(fourth, size, out=np.zeros_like(size), where=size > 0), initial=0.0)) / 2880
-
-    def _bounds(self, *sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        given, results, evaluate, turn = self._evaluation
+        (x_given, u_given, w_given), found, evaluate, turn = self._evaluation
         with turn:  # one at a time: the arrays are those of this function
-            for into, values in zip(given, sizes, strict=True):
-                into[:] = values
+            np.maximum(x, self.far, out=x_given)
+            u_given[:], w_given[:] = u, w
             evaluate()
-            return results[0].copy(), results[1].copy()
+            return float(found[0])
 
     @cached_property
-    def _evaluation(self) -> tuple[list[np.ndarray], list[np.ndarray], Callable[[], None], Lock]:
+    def _evaluation(self) -> tuple[list[np.ndarray], np.ndarray, Callable[[], None], Lock]:
         """Arrays that `bound` reads and writes, and what evaluates it: a call with arrays would take ten times as long."""
         buffer, evaluate = self.bound.buffer()
-        given = [np.zeros(self.bound.numel_in(i)) for i in range(self.bound.n_in())]
-        results = [np.zeros(self.bound.numel_out(j)) for j in range(self.bound.n_out())]
+        given, found = [np.zeros(self.bound.numel_in(i)) for i in range(self.bound.n_in())], np.zeros(1)
         for i, values in enumerate(given):
             buffer.set_arg(i, memoryview(values))  # pyright: ignore
-        for j, values in enumerate(results):
-            buffer.set_res(j, memoryview(values))  # pyright: ignore
-        return given, results, partial(_evaluated, buffer, evaluate), Lock()
+        buffer.set_res(0, memoryview(found))  # pyright: ignore
+        return given, found, partial(_evaluated, buffer, evaluate), Lock()
 
 
 def _evaluated(_: object, evaluate: Callable[[], None]) -> None:
@@ -88,8 +77,15 @@ def quadrature_of(model: Model) -> Quadrature | None:
         bounds = [_magnitude(value, [x, model.u, model.w], sizes) for value in (fourth, functions)]
     except NotExactError:
         return None
-    still = np.array([rate[i].is_constant() and float(rate[i]) == 0 for i in range(x.numel())], dtype=bool)
-    return Quadrature(ca.Function("bound", sizes, [ca.densify(each) for each in bounds]), still)
+    far = np.array([0.0 if rate[i].is_constant() and float(rate[i]) == 0 else np.inf for i in range(x.numel())])
+    return Quadrature(ca.Function("bound", sizes, [_ratio(*bounds) / 2880]), far)
+
+
+def _ratio(fourth: ca.SX, size: ca.SX) -> ca.SX:
+    """Return the largest of fourth_i / size_i, 0 where size_i = 0, NaN where any of them is not finite."""
+    if not size.numel():
+        return ca.SX(0)
+    return ca.mmax(ca.if_else(size > 0, fourth / size, 0)) + 0 * ca.sum1(ca.vertcat(fourth, size))
 
 
 def _magnitude(values: ca.SX, symbols: list[ca.SX], sizes: list[ca.SX]) -> ca.SX:

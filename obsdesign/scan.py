@@ -34,14 +34,14 @@ if hasattr(os, "register_at_fork"):
 _DRIVER = """
 #include <string.h>
 int {name}_scan(long long paths, long long steps, double* carry, double* carries,
-                const double* const* rows, const long long* leaps, const long long* strides, double* const* results) {{
-  const long long widths[] = {{{widths}}};
+                const double* const* rows, const long long* axes, double* const* results) {{
+  const long long widths[] = {{{widths}}}, taken[] = {{{widths_in}}};
   const double* arg[{sz_arg}]; double* res[{sz_res}]; casadi_int iw[{sz_iw}]; double w[{sz_w}]; double next[{carried}];
   for (long long m = 0; m < paths; ++m) {{
     double* now = carry + m * {c};
     for (long long k = 0; k < steps; ++k) {{
       arg[0] = now;
-      for (int i = 0; i < {rows}; ++i) arg[1 + i] = rows[i] + m * leaps[i] + k * strides[i];
+      for (int i = 0; i < {rows}; ++i) arg[1 + i] = rows[i] + ((axes[i] > 2 ? m * steps : 0) + (axes[i] > 1 ? k : 0)) * taken[i];
       res[0] = next;
       for (int j = 0; j < {results}; ++j) res[1 + j] = results[j] ? results[j] + (m * steps + k) * widths[j] : 0;
       if ({name}(arg, res, iw, w, 0)) return 1;
@@ -117,6 +117,8 @@ class Scan:
         self._indices = tuple(each.index if isinstance(each, Spread) else None for each in results)
         self.widths = tuple(len(index) if index is not None else each.numel() for index, each in zip(self._indices, plain, strict=True))
         self._widths_in = tuple(self._function.size1_in(i) for i in range(self._function.n_in()))
+        self._addresses, self._places = (ctypes.c_void_p * count for count in (len(rows), len(results)))
+        self._axes = ctypes.c_longlong * len(rows)
         self._width_out = sum(self._function.size1_out(j) for j in range(self._function.n_out()))
         self._stretches: dict[tuple[int, bool], _Stretch] = {}
         self._exact: set[int] = set()
@@ -162,9 +164,9 @@ class Scan:
 
     def _require_shapes(self, carry: np.ndarray, rows: list[np.ndarray], paths: int, steps: int) -> None:
         """Raise InputError for arrays that do not fit: a compiled loop would read beyond their ends."""
-        for i, values in enumerate([carry, *rows]):
-            width = self._widths_in[i]
-            accepted = ((paths, width),) if not i else ((width,), (steps, width), (paths, steps, width))
+        for i, (values, width) in enumerate(zip([carry, *rows], self._widths_in, strict=True)):
+            whole = paths, steps, width
+            accepted = (whole[1:], whole, (width,)) if i else ((paths, width),)
             if values.shape not in accepted:
                 raise InputError(f"array {i} of a loop has shape {values.shape}: must be {' or '.join(map(str, accepted))}")
 
@@ -214,6 +216,7 @@ class Scan:
         driver = _DRIVER.format(
             name=_NAME,
             widths=", ".join(map(str, self.widths)) or "0",
+            widths_in=", ".join(map(str, self._widths_in[1:])) or "0",
             rows=function.n_in() - 1,
             results=len(self.widths),
             c=function.size1_in(0),
@@ -232,19 +235,14 @@ class Scan:
     def _walk_compiled(
         self, carry: np.ndarray, rows: list[np.ndarray], steps: int, every: np.ndarray | None, found: tuple[np.ndarray, ...]
     ) -> None:
-        widths = [row.shape[-1] for row in rows]
-        leaps = [steps * width if row.ndim == 3 else 0 for row, width in zip(rows, widths, strict=True)]
-        strides = [0 if row.ndim == 1 else width for row, width in zip(rows, widths, strict=True)]
-        counts, addresses = ctypes.c_longlong * len(rows), ctypes.c_void_p * len(rows)
         failed = self._compiled.entry(  # pyright: ignore[reportOptionalMemberAccess]
             len(carry),
             steps,
-            _address(carry),
-            None if every is None else _address(every),
-            addresses(*map(_address, rows)),
-            counts(*leaps),
-            counts(*strides),
-            (ctypes.c_void_p * len(self.widths))(*map(_address, found)),
+            carry.ctypes.data,
+            None if every is None else every.ctypes.data,
+            self._addresses(*[row.ctypes.data for row in rows]),
+            self._axes(*[row.ndim for row in rows]),
+            self._places(*[values.ctypes.data for values in found]),
         )
         if failed:
             raise RuntimeError("a compiled loop stopped before its end")
@@ -256,7 +254,3 @@ def _dense(repeated: ca.Function) -> ca.Function:
         return repeated
     symbols = repeated.mx_in()
     return ca.Function(repeated.name(), symbols, [ca.densify(each) for each in repeated.call(symbols)])
-
-
-def _address(values: np.ndarray) -> int | None:
-    return values.ctypes.data if values.size else None

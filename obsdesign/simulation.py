@@ -16,7 +16,7 @@ from obsdesign.errors import InputError
 from obsdesign.model import AbstractSystem, Model
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, step_of
-from obsdesign.trajectory import TOLERANCE, Trajectory
+from obsdesign.trajectory import TOLERANCE, Trajectory, path_of
 
 
 @validate_arguments
@@ -34,6 +34,7 @@ def simulate(
     require_tolerance(tolerance)
     start = as_state(system, x0, "x0")
     known, unknown = as_known_and_unknown(system, u, w)
+    require_positive("dt times the number of steps", float(dt) * len(known))
     substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
     states = states_from(system, start[None], known, dt, unknown, substeps=substeps)[0]
     if not all_finite(states):
@@ -41,7 +42,7 @@ def simulate(
         name = system.model.state_names[i]
         where = f"from step {k} (t = {k * dt:g} s) on"
         raise InputError(f"{name} is {states[k, i]} {where}: the motion runs away, only a shorter path would do")
-    path = Trajectory(np.arange(len(states)) * dt, states, known, None if w is None else unknown, tolerance)
+    path = path_of(np.arange(len(states)) * dt, states, known, None if w is None else unknown, tolerance)
     path.substeps[system.model] = substeps
     return path
 
@@ -54,9 +55,11 @@ def substeps_needed(
     Raises InputError where that would be too many, with the step that would do.
     """
     model = system.model
+    by_structure = substeps_from(model, starts, u, w, dt, tolerance)
+    if by_structure is not None:
+        return by_structure
     held = _together(u, np.zeros((1, len(model.unknown_inputs))) if w is None else w)
-    by_structure = substeps_from(model, starts, held, dt, tolerance)
-    return substeps_for(Walks(model, dt, held, starts), tolerance) if by_structure is None else by_structure
+    return substeps_for(Walks(model, dt, held, starts), tolerance)
 
 
 def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
@@ -66,10 +69,9 @@ def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
     """
     model = system.model
     if model not in path.substeps:
-        held = held_along(system, path)
-        counts = substeps_from(model, path.x[:1], held, path.step, path.tolerance)
+        counts = substeps_from(model, path.x[:1], path.u, path.w, path.step, path.tolerance)
         if counts is None:
-            counts = substeps_for(Walks(model, path.step, held, path.x[None, :-1]), path.tolerance)
+            counts = substeps_for(Walks(model, path.step, held_along(system, path), path.x[None, :-1]), path.tolerance)
         path.substeps[model] = int(counts[0])
     return path.substeps[model]
 
@@ -134,21 +136,23 @@ def _reading(model: Model) -> Scan:
 
 def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
     """Return value as a finite (n,) array or raise InputError naming the first entry that is wrong."""
-    names = system.model.state_names
     state = as_array(what, value)
+    names = system.model.states
     if state.shape != (len(names),):
+        names = system.model.state_names
         raise InputError(f"{what} has shape {state.shape}: must be ({len(names)},) for {', '.join(names)}")
     if not all_finite(state):
         first = int(np.flatnonzero(~np.isfinite(state))[0])
-        raise InputError(f"{what}: {names[first]} is {state[first]}: must be finite")
+        raise InputError(f"{what}: {names[first].name} is {state[first]}: must be finite")
     return state
 
 
 def as_scale(system: AbstractSystem, value: ArrayLike | None) -> np.ndarray:
     """Return what counts as one unit of each state (n,), None = ones, or raise InputError naming the first that is not above 0."""
-    names = system.model.state_names
-    scale = np.ones(len(names)) if value is None else as_state(system, value, "scale")
-    for name, unit in zip(names, scale, strict=True):
+    if value is None:
+        return np.ones(len(system.model.states))
+    scale = as_state(system, value, "scale")
+    for name, unit in zip(system.model.state_names, scale, strict=True):
         require_positive(f"scale of {name}", float(unit))
     return scale
 

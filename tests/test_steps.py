@@ -202,6 +202,27 @@ def test_where_steps_would_do_the_refusal_names_one_and_it_does():
     assert path.x[-1, 0] == pytest.approx(np.tan(1.57), rel=3e-6)
 
 
+def test_a_vehicle_that_turns_too_fast_is_refused_with_a_step_that_does():
+    """5e4 rad in a step would take 11,000 sub-steps for 1e-6, by the bound of Simpson's rule."""
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(1.0),))
+    with pytest.raises(od.InputError, match=r"a step of [0-9.e-]+ s would do") as refusal:
+        od.simulate(system, (1.0, 2.0, 0.3, 3.0, -2.0), np.full(3, 1e5), 0.5)
+    step = float(re.findall(r"a step of ([0-9.e-]+) s would do", str(refusal.value))[0])
+    path = od.simulate(system, (1.0, 2.0, 0.3, 3.0, -2.0), np.full(round(1.5 / step), 1e5), step)
+    x = 1 + 15 * (np.sin(0.3 + 1e5 * path.t) - np.sin(0.3)) / 1e5 + 3 * path.t
+    np.testing.assert_allclose(path.x[:, 0], x, rtol=0, atol=1e-6 * 15 * path.t[-1])
+
+
+def test_a_simulated_path_belongs_to_nobody_else():
+    u = np.zeros((3, 1))
+    path = od.simulate(od.System(od.Dubins(15.0), (od.GPS(1.0),)), (0.0, 0.0, 0.0), u, 0.5)
+    u[:] = 7.0
+    assert not path.u.any()
+    assert not any(values.flags.writeable for values in (path.t, path.x, path.u))
+    with pytest.raises(od.InputError, match="dt times the number of steps is inf"):
+        od.simulate(od.System(od.Dubins(1e-300), (od.GPS(1.0),)), (0.0, 0.0, 0.0), u * 0, 1e308)
+
+
 @pytest.mark.parametrize("end", [1.01, 2.0, 30.0])
 def test_what_gets_to_infinity_in_finite_time_is_refused(end: float):
     """x' = x^2 from 1 is 1 / (1 - t)."""

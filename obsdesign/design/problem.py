@@ -152,10 +152,9 @@ class DesignProblem:
 
         Enough for all inputs within the bounds where the graph tells, else for each input held at either bound and in the middle.
         """
-        p = len(self.system.model.unknown_inputs)
         with suppress(InputError):
-            extremes = np.hstack([np.vstack([self.lower, self.upper]), np.zeros((2, p))])
-            by_structure = substeps_from(self.system.model, self.x0[None], extremes, self.step, self.tolerance)
+            extremes = np.vstack([self.lower, self.upper])
+            by_structure = substeps_from(self.system.model, self.x0[None], extremes, None, self.step, self.tolerance)
             if by_structure is not None:
                 return int(by_structure[0])
         grid, inputs = self.grid, np.array(list(zip(self.lower, self.upper, strict=True))).reshape(-1, 2)

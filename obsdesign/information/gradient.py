@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_positive, require_tolerance
+from obsdesign.checks import all_finite, require_positive, require_tolerance
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import require_sensors, variational_gramian
@@ -110,7 +110,7 @@ def _walked(
     walk = walk_of(system.model, dt, substeps)
     taken = walk.taken(system, len(u), dt)
     run = walk.scan.run(walk.first(start[None]), [u, w, *taken], len(u), carries=carries)
-    if not np.isfinite(run.carry).all():
+    if not all_finite(run.carry):
         variational_gramian(system, simulate(system, start, u, dt, w))  # says what is wrong, and where
     return walk, run.carry, run.carries[0], taken
 

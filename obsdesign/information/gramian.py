@@ -59,7 +59,7 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
         blocks, end = sampled_only(blocks, system, path.step), Phi[-1]
     else:
         blocks, end = _integrated(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
-    return Information(with_derivatives(blocks, system, path), system.model.sensor_names, end, origin=origin_of(system, path, weighted))
+    return with_samples(with_derivatives(blocks, system, path), system.model.sensor_names, end, None, origin_of(system, path, weighted))
 
 
 def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:

@@ -172,9 +172,14 @@ class Information:
 def with_samples(
     blocks: np.ndarray, names: tuple[str, ...], transition: np.ndarray | None, samples: Samples | None, origin: Origin | None
 ) -> Information:
-    """Return information whose blocks of coloured sensors are the amounts that each single sample may be counted for."""
+    """Return information whose blocks of coloured sensors are the amounts that each single sample may be counted for.
+
+    blocks that nobody else writes to, and all else as a Gramian makes them: none is checked.
+    """
     if samples is not None:
         blocks = blocks.copy()
         blocks[:, list(samples.colour.places)] = samples.amounts(np.arange(len(blocks)))
-        blocks.setflags(write=False)
-    return Information(blocks, names, transition, samples, origin)
+    blocks.setflags(write=False)
+    found = object.__new__(Information)
+    found.__dict__.update(blocks=blocks, names=names, transition=transition, samples=samples, origin=origin)
+    return found

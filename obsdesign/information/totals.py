@@ -44,8 +44,10 @@ class Walk:
 
     def first(self, x: np.ndarray) -> np.ndarray:
         """Return the carry (M, c) at starts x (M, n)."""
-        rest = np.concatenate([self.start, np.zeros(len(self.packing.rows))])
-        return np.hstack([x, np.tile(rest, (len(x), 1))])
+        n, moving = x.shape[1], x.shape[1] + len(self.start)
+        carry = np.zeros((len(x), moving + len(self.packing.rows)))
+        carry[:, :n], carry[:, n:moving] = x, self.start
+        return carry
 
     def taken(self, system: AbstractSystem, steps: int, step: float, share: np.ndarray | None = None) -> list[np.ndarray]:
         """Return the rows that say which samples there are: none where every sensor has one at every step.
