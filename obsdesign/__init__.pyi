@@ -1,5 +1,6 @@
 from .analysis.polynomial import Polynomial as Polynomial
 from .analysis.question import observability as observability
+from .analysis.verdict import UnobservableError as UnobservableError
 from .analysis.verdict import Verdict as Verdict
 from .constraints.circle_clearance import CircleClearance as CircleClearance
 from .constraints.goal import Goal as Goal
@@ -38,7 +39,6 @@ from .errors import InputError as InputError
 from .errors import ObsdesignError as ObsdesignError
 from .errors import ScenarioError as ScenarioError
 from .errors import SolveError as SolveError
-from .errors import UnobservableError as UnobservableError
 from .flight import Flight as Flight
 from .flight import fly as fly
 from .information.differences import Perturbation as Perturbation

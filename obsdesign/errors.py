@@ -1,35 +1,47 @@
-"""Every error a caller may want to catch: one base class, one name per cause."""
+"""Every error a caller may want to catch: one base class, one name per cause; and what each means to a command."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from enum import IntEnum
 
-if TYPE_CHECKING:
-    from obsdesign.analysis.verdict import Verdict
-    from obsdesign.status import Status
+from obsdesign.status import Status
+
+
+class ExitCode(IntEnum):
+    """What the exit code of a command says."""
+
+    DONE = 0
+    NO = 1
+    BAD_INPUT = 2
+    SOLVER_FAILED = 3
+    INTERRUPTED = 130
 
 
 class ObsdesignError(Exception):
     """Base of all errors that obsdesign raises on purpose."""
 
+    @property
+    def exit_code(self) -> ExitCode:
+        """What a command that meets it ends with."""
+        return ExitCode.SOLVER_FAILED
+
 
 class InputError(ObsdesignError, ValueError):
     """A value handed to the library is refused; the message names it, shows it and says what is accepted."""
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """Bad input."""
+        return ExitCode.BAD_INPUT
 
 
 class ScenarioError(ObsdesignError):
     """A scenario file cannot be used; the message names the key, the value and what is accepted."""
 
-
-class UnobservableError(ObsdesignError):
-    """The sensors cannot see the whole state; `verdict` says which direction stays hidden."""
-
-    def __init__(self, verdict: Verdict) -> None:
-        super().__init__(f"unobservable: the sensors see {verdict.dimension} of {verdict.null_space.shape[0]} dimensions; {verdict.hidden}")
-        self.verdict = verdict
-
-    def __reduce__(self) -> tuple[type, tuple[Verdict]]:
-        return type(self), (self.verdict,)
+    @property
+    def exit_code(self) -> ExitCode:
+        """Bad input."""
+        return ExitCode.BAD_INPUT
 
 
 class SolveError(ObsdesignError):
@@ -43,3 +55,8 @@ class SolveError(ObsdesignError):
 
     def __reduce__(self) -> tuple[type, tuple[str, Status, str]]:
         return type(self), (self.what, self.status, self.reason)
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """The study says no where nothing is feasible; a failure otherwise."""
+        return ExitCode.NO if self.status.is_infeasible else ExitCode.SOLVER_FAILED

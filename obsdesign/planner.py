@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.question import observability
+from obsdesign.analysis.verdict import UnobservableError
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Span
@@ -32,7 +33,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Multipliers, Program, Rows
 from obsdesign.design.starts import start_inputs
 from obsdesign.design.threads import one_thread
-from obsdesign.errors import InputError, UnobservableError
+from obsdesign.errors import InputError
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior

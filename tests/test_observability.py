@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obsdesign.analysis.question import observability, observability_of
+from obsdesign.analysis.verdict import UnobservableError
 from obsdesign.calculus import lie_derivative
 from obsdesign.control_affine import ControlAffineSystem
-from obsdesign.errors import InputError, UnobservableError
+from obsdesign.errors import InputError
 from obsdesign.sensors.bearing import Bearing
 from obsdesign.sensors.gps import GPS
 from obsdesign.sensors.magnetometer import Magnetometer

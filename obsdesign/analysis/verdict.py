@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.errors import ExitCode, ObsdesignError
+
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -42,3 +44,19 @@ class Verdict:
     decided: bool
     proof: str
     generic: Verdict | None = None
+
+
+class UnobservableError(ObsdesignError):
+    """The sensors cannot see the whole state; `verdict` says which direction stays hidden."""
+
+    def __init__(self, verdict: Verdict) -> None:
+        super().__init__(f"unobservable: the sensors see {verdict.dimension} of {verdict.null_space.shape[0]} dimensions; {verdict.hidden}")
+        self.verdict = verdict
+
+    def __reduce__(self) -> tuple[type, tuple[Verdict]]:
+        return type(self), (self.verdict,)
+
+    @property
+    def exit_code(self) -> ExitCode:
+        """The study says no."""
+        return ExitCode.NO

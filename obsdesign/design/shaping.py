@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from obsdesign.analysis.question import observability
+from obsdesign.analysis.verdict import UnobservableError
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.design.aim import aim_of, value_of
@@ -25,7 +26,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Program
 from obsdesign.design.record import Design, Start
 from obsdesign.design.starts import start_inputs
-from obsdesign.errors import SolveError, UnobservableError
+from obsdesign.errors import SolveError
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.paths.dubins_path import DubinsPath
 from obsdesign.status import Status
