@@ -14,6 +14,7 @@ from obsdesign.checks import require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.nodes import nodes_of
 from obsdesign.design.problem import DesignProblem
+from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.posterior import noise_factor
@@ -26,7 +27,7 @@ from obsdesign.validation import ARRIVES
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class Flight(AbstractDisplay):
     """What was flown in K steps, and what the filter believed.
 
     t (K+1,); truth (K+1, n); mean, std (K+1, n): the filter's, after the samples at t_k for k < K, predicted at t_K; u (K, m);
@@ -48,6 +49,18 @@ class Flight:
     values: tuple[float, ...] = ()
     seconds: tuple[float, ...] = ()
     straight: Flight | None = None
+
+    def _summary(self) -> Summary:
+        error = self.mean[-1] - self.truth[-1]
+        rows = [
+            (f"state {i} at the end", f"error {number(miss)}, standard deviation {number(std)}")
+            for i, (miss, std) in enumerate(zip(error, self.std[-1], strict=True))
+        ]
+        rows.append(("limits", f"least margin {number(self.margin)} along what was flown"))
+        if self.feasible:
+            slowest = number(max(self.seconds), "s")
+            rows.append(("plans", f"{len(self.feasible)}, {sum(self.feasible)} within all limits, slowest {slowest}"))
+        return Summary(f"flight of {number(self.t[-1] - self.t[0], 's')}", tuple(rows), line_picture(self.truth[:, 0], self.truth[:, 1]))
 
 
 @dataclass(frozen=True, eq=False)

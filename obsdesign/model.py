@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_known
+from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.signals import Point, Signal
 
 if TYPE_CHECKING:
@@ -200,7 +201,7 @@ def _part(model: Model, group: JointNoise, sensors: Sequence[str]) -> JointNoise
     return JointNoise(tuple(kept), tuple(tuple(group.covariance[i][j] for j in places) for i in places))
 
 
-class AbstractSystem(ABC):
+class AbstractSystem(AbstractDisplay):
     """Anything that can be analysed, designed for and filtered."""
 
     @cached_property
@@ -211,6 +212,16 @@ class AbstractSystem(ABC):
     @abstractmethod
     def _build(self) -> Model:
         """Return the symbolic record."""
+
+    def _summary(self) -> Summary:
+        model = self.model
+        rows = [
+            ("states", ", ".join(f"{state.name} [{state.unit}]" if state.unit else state.name for state in model.states)),
+            ("inputs", ", ".join(signal.name for signal in model.inputs) or "none"),
+            ("unknown inputs", ", ".join(signal.name for signal in model.unknown_inputs) or "none"),
+            ("sensors", ", ".join(channel.name for channel in model.channels) or "none"),
+        ]
+        return Summary(f"system of {len(model.states)} states", tuple(rows))
 
 
 @lru_cache(256)

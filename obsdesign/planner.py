@@ -33,6 +33,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Multipliers, Program, Rows
 from obsdesign.design.starts import start_inputs
 from obsdesign.design.threads import one_thread
+from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.errors import InputError
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import AbstractPath, Grid
@@ -172,7 +173,7 @@ class Memory:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class Plan(AbstractDisplay):
     """A path from where the vehicle is.
 
     trajectory: from x_now at its t = 0 on; value: what is maximised, recomputed: criterion(S (W + prior) S) minus prices, NaN where
@@ -190,6 +191,17 @@ class Plan:
     time: float
     seconds: float
     memory: Memory
+
+    def _summary(self) -> Summary:
+        path = self.trajectory
+        rows = [
+            ("value", number(self.value)),
+            ("limits", "all kept" if self.feasible else self.reason),
+            ("path", f"{path.steps} steps of {number(path.step, 's')}"),
+            ("inputs found", f"{self.age} steps ago" if self.age else "now"),
+            ("took", number(self.seconds, "s")),
+        ]
+        return Summary(f"plan at {number(self.time, 's')}: {self.status.value}", tuple(rows), line_picture(path.x[:, 0], path.x[:, 1]))
 
     @property
     def x0(self) -> np.ndarray:

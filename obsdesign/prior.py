@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array
+from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.errors import InputError
 
 
 @validate_arguments
 @dataclass(frozen=True, eq=False, init=False)
-class Prior:
+class Prior(AbstractDisplay):
     """x(t_0) ~ N(mean, covariance): mean (n,), and either std (n,) > 0 or covariance (n, n), in the units of the states.
 
     Raises InputError for a covariance that is not symmetric positive definite.
@@ -38,6 +39,10 @@ class Prior:
         for name, value in (("mean", centre), ("covariance", spread)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+
+    def _summary(self) -> Summary:
+        rows = [(f"state {i}", f"{number(mean)} +- {number(std)}") for i, (mean, std) in enumerate(zip(self.mean, self.std, strict=True))]
+        return Summary(f"prior of {len(rows)} states", tuple(rows))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Prior) and self._key == other._key

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_count, require_positive, require_tolerance
+from obsdesign.display import AbstractDisplay, Summary, data_frame, line_picture, number
 from obsdesign.errors import InputError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 TOLERANCE = 1e-6  # relative error that steps may have where nobody says another
 
 
 @validate_arguments
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(AbstractDisplay):
     """t (N+1,) [s], x (N+1, n), u (N, m), w (N, p): inputs u[k], known, and w[k], unknown, are held from t[k] to t[k+1].
 
     w is what really moved the path, as far as that is known: None where it is not, which counts as 0. tolerance: the relative error
@@ -60,6 +65,26 @@ class Trajectory:
         """What is written when a path is sent to another process: what was found out stays here."""
         return {name: value for name, value in self.__dict__.items() if name != "substeps"}
 
+    def to_dataframe(self) -> DataFrame:
+        """Return times as the index, and columns x0.., u0.. (inputs from this time on, NaN at the last), w0.. where they are known.
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        held = {"u": self.u} if self.w is None else {"u": self.u, "w": self.w}
+        columns = {f"x{i}": column for i, column in enumerate(self.x.T)}
+        columns |= {f"{name}{i}": np.append(column, np.nan) for name, values in held.items() for i, column in enumerate(values.T)}
+        return data_frame(columns, {"t": self.t})
+
+    def _summary(self) -> Summary:
+        states = [
+            (f"x[{i}]", f"{number(column[0])} to {number(column[-1])}, within {number(column.min())} to {number(column.max())}")
+            for i, column in enumerate(self.x.T)
+        ]
+        inputs = [(f"u[{i}]", f"within {number(column.min())} to {number(column.max())}") for i, column in enumerate(self.u.T)]
+        picture = line_picture(self.x[:, 0], self.x[:, 1]) if self.x.shape[1] > 1 else ""
+        title = f"path of {self.steps} steps of {number(self.step, 's')}, from {number(self.t[0], 's')} on"
+        return Summary(title, (*states, *inputs), picture)
+
     def part(self, first: int, last: int) -> Trajectory:
         """Return the path from t[first] to t[last]; raise InputError unless 0 <= first < last <= N."""
         require_count("first", first, least=0, most=self.steps - 1)
@@ -86,5 +111,5 @@ def path_of(t: np.ndarray, x: np.ndarray, u: np.ndarray, w: np.ndarray | None, t
     for values in (t, x, u) if w is None else (t, x, u, w):
         values.setflags(write=False)
     path = object.__new__(Trajectory)
-    path.__dict__.update(t=t, x=x, u=u, w=w, tolerance=tolerance)
+    vars(path).update(t=t, x=x, u=u, w=w, tolerance=tolerance)
     return path

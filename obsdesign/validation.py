@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import as_array, require_count
+from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.gramian import require_fit
@@ -26,6 +27,9 @@ from obsdesign.simulation import readings, simulate, states_from, substeps_along
 from obsdesign.step import steps_per_sample
 from obsdesign.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 SETTLED = 0.25  # share of the path after which consistency is judged
 CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
 ARRIVES = 0.5  # a sample arrives where the sensor's gate is wider than this at the true state
@@ -35,7 +39,7 @@ Consistency = Literal["consistent", "overconfident", "underconfident"]
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
+class Validation(AbstractDisplay):
     """What R filter runs did. All over t (N+1,): values at t_k after that instant's update, predicted at t_N.
 
     rmse (N+1, n): root mean square error per state; bound (N+1, n): posterior Cramer-Rao standard deviation;
@@ -57,6 +61,22 @@ class Validation:
     def consistent(self) -> bool:
         """Whether the filter's covariance tells the truth about its errors."""
         return self.verdict == "consistent"
+
+    def to_dataframe(self) -> DataFrame:
+        """Return times as the index, and columns rmse0.., bound0.. for each state and nees.
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        tables = {"rmse": self.rmse, "bound": self.bound}
+        columns = {f"{name}{i}": column for name, values in tables.items() for i, column in enumerate(values.T)}
+        return data_frame(columns | {"nees": self.nees}, {"t": self.t})
+
+    def _summary(self) -> Summary:
+        last = zip(self.rmse[-1], self.bound[-1], strict=True)
+        rows = [(f"state {i} at the end", f"RMSE {number(error)}, bound {number(bound)}") for i, (error, bound) in enumerate(last)]
+        low, high = self.nees_interval
+        rows.append(("NEES", f"{100 * self.in_band:.0f} % of the later instants within {number(low)} to {number(high)}"))
+        return Summary(f"filter over {self.runs} runs: {self.verdict}", tuple(rows))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.errors import ExitCode, ObsdesignError
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
+class Verdict(AbstractDisplay):
     """What of the n states can be told from the outputs, their derivatives and the known inputs.
 
     dimension: of the observable space; where not `decided`, the lower bound that is proven
@@ -44,6 +45,19 @@ class Verdict:
     decided: bool
     proof: str
     generic: Verdict | None = None
+
+    def _summary(self) -> Summary:
+        n = self.null_space.shape[0]
+        rows = [
+            ("seen", ", ".join(self.observable_states) or "no state by itself"),
+            ("not seen", ", ".join(self.unobservable_states)),
+            ("hidden", self.hidden),
+            ("unknown inputs", self.disturbance),
+            ("known inputs", self.known_inputs),
+            ("proof", self.proof),
+        ]
+        decided = "decided" if self.decided else f"not decided ({self.stopped_by})"
+        return Summary(f"{self.dimension} of {n} dimensions seen, {decided}", tuple(row for row in rows if row[1]))
 
 
 class UnobservableError(ObsdesignError):

@@ -19,6 +19,7 @@ from obsdesign.criteria._factor import shadow
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.consistency import require_consistent
+from obsdesign.display import AbstractDisplay, Summary, number, numbers
 from obsdesign.errors import InputError
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.posterior import posterior_information
@@ -71,7 +72,7 @@ class Robust:
 
 @validate_arguments
 @dataclass(frozen=True, eq=False)
-class DesignProblem:
+class DesignProblem(AbstractDisplay):
     """Maximise criterion(S W S) minus prices over paths of one family, W from all samples of all sensors.
 
     start (n,); duration [s], or (shortest, longest) to choose from; step [s]; bounds: input -> (low, high); rates: input ->
@@ -102,6 +103,20 @@ class DesignProblem:
     known: ArrayLike | None = None
     weights: ArrayLike | None = None
     tolerance: float = TOLERANCE
+
+    def _summary(self) -> Summary:
+        names = [state.name for state in self.system.model.states]
+        shortest, longest = self.shortest, self.longest
+        limits = [type(limit).__name__ for limit in (*self.constraints, *(budget.cost for budget in self.budgets))]
+        rows = [
+            ("start", numbers(names, self.x0)),
+            ("duration", number(longest, "s") if shortest == longest else f"{number(shortest, 's')} to {number(longest, 's')}"),
+            ("path", f"{self.path}, steps of {number(self.step, 's')}"),
+            ("bounds", ", ".join(f"{name} {number(low)} to {number(high)}" for name, (low, high) in self.bounds.items())),
+            ("criterion", f"{self.criterion}" + (f" of {', '.join(self.about)}" if self.about else "")),
+            ("limits", ", ".join(limits) or "none"),
+        ]
+        return Summary("design problem", tuple(rows))
 
     def __post_init__(self) -> None:
         put = object.__setattr__

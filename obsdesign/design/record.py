@@ -8,6 +8,7 @@ import numpy as np
 
 from obsdesign.design.limits import Shortfall
 from obsdesign.design.problem import DesignProblem
+from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.information.record import Information
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
@@ -56,7 +57,7 @@ class Robustness:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(AbstractDisplay):
     """How much better another path might be: evidence, not proof.
 
     estimate: the smallest value found, over matrices Z >= 0 of trace 1, of the largest <Z, S W S> that any path was found to have
@@ -69,9 +70,14 @@ class Evidence:
     climbs: int
     in_words: str
 
+    def _summary(self) -> Summary:
+        return Summary(
+            "evidence of how much better another path might be", (("estimate", number(self.estimate)), ("in words", self.in_words))
+        )
+
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(AbstractDisplay):
     """The best path found. value = criterion(S W S), recomputed by the analysis code; NaN without an answer.
 
     objective: what was maximised, the value (of the prior's draws where the problem is robust) minus prices. problem: with the
@@ -97,6 +103,25 @@ class Design:
     evidence: Evidence | None = None
     shortfalls: tuple[Shortfall, ...] = ()
     reason: str = ""
+
+    def _summary(self) -> Summary:
+        problem, path = self.problem, self.trajectory
+        rows = [("value", number(self.value))]
+        if self.objective != self.value:
+            rows.append(("objective", number(self.objective)))
+        if self.cap is not None:
+            rows.append(("cap of every path", f"{number(self.cap.value)}{', reached' * self.reaches_cap}"))
+        if self.evidence is not None:
+            rows.append(("another path", self.evidence.in_words))
+        if path is not None and self.information is not None:
+            rows.append(("path", f"{path.steps} steps of {number(path.step, 's')}, {number(path.t[-1] - path.t[0], 's')} in all"))
+            deviations = zip(problem.system.model.states, self.information.std, strict=True)
+            rows.append(("bound at the start", ", ".join(f"{state.name} {number(std, state.unit)}" for state, std in deviations)))
+        rows.append(("starts", f"{len(self.starts)}, {self.iterations} iterations, {number(self.seconds, 's')}"))
+        if self.reason:
+            rows.append(("reason", self.reason))
+        picture = line_picture(path.x[:, 0], path.x[:, 1]) if path is not None and path.x.shape[1] > 1 else ""
+        return Summary(f"design: {self.status.value}", tuple(rows), picture)
 
     @property
     def reaches_cap(self) -> bool:

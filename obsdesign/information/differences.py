@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
+from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.information.gramian import empirical_gramian, perturbation_of, variational_gramian
 from obsdesign.model import AbstractSystem
 from obsdesign.trajectory import Trajectory
@@ -16,7 +17,7 @@ TOLERANCE = 1e-3  # relative error that an empirical Gramian may have and still 
 
 
 @dataclass(frozen=True, eq=False)
-class Perturbation:
+class Perturbation(AbstractDisplay):
     """What an eps does to an empirical Gramian; all relative to sqrt(W_ii W_jj), the largest over the entries.
 
     difference: between the Gramians of eps and eps / 2; curvature: the part of the error that grows as eps^2; rounding: the rest,
@@ -27,6 +28,9 @@ class Perturbation:
     difference: float
     curvature: float
     rounding: float
+
+    def _summary(self) -> Summary:
+        return Summary("perturbation of an empirical Gramian", (("result", self.sentence),))
 
     @property
     def suitable(self) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import lie_derivative
 from obsdesign.checks import as_pair, require_count, require_known
+from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.geometry import circle_through
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.windows import sliding_information
@@ -36,7 +37,7 @@ class Circle:
 
 
 @dataclass(frozen=True, eq=False)
-class CircleResiduals:
+class CircleResiduals(AbstractDisplay):
     """How near a path comes to the circle C, and to staying on it, at each of its N steps; P is the position.
 
     t (N,) [s]; distance (N,): ||P - c| - r| [m]
@@ -55,6 +56,17 @@ class CircleResiduals:
     residuals: np.ndarray
     sigma_min: np.ndarray
     paper_relation: np.ndarray
+
+    def _summary(self) -> Summary:
+        x, y = self.circle.centre
+        rows = [
+            ("circle", f"centre ({number(x, 'm')}, {number(y, 'm')}), radius {number(self.circle.radius, 'm')}"),
+            ("nearest", f"{number(float(self.distance.min()), 'm')} at {number(float(self.t[self.distance.argmin()]), 's')}"),
+        ]
+        if np.isfinite(self.sigma_min).any():
+            weakest = int(np.nanargmin(self.sigma_min))
+            rows.append(("known least", f"{number(float(self.sigma_min[weakest]))} from {number(float(self.t[weakest]), 's')} on"))
+        return Summary("a path beside the circle through three landmarks", tuple(rows))
 
 
 @validate_arguments

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.checks import as_array, require_divisor
+from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.errors import InputError
 from obsdesign.information.origin import Origin
 from obsdesign.information.samples import Samples
@@ -16,7 +17,7 @@ from obsdesign.round_off import Sight, reweighed, rows_of, sight_of_sum
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class Information(AbstractDisplay):
     """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.
 
     Weighted blocks are Fisher information, in 1/(unit_i unit_j). Where the errors of samples are independent, information adds up
@@ -51,6 +52,12 @@ class Information:
             blocks = blocks.copy()
             blocks.setflags(write=False)
         object.__setattr__(self, "blocks", blocks)
+
+    def _summary(self) -> Summary:
+        steps, sensors, n = self.blocks.shape[:3]
+        rows = [(f"std of state {i}", number(value) if np.isfinite(value) else "hidden") for i, value in enumerate(self.std)]
+        title = f"information of {steps} steps and {sensors} sensors ({', '.join(self.names)}) about {n} states at the start"
+        return Summary(title, tuple(rows))
 
     @property
     def total(self) -> np.ndarray:
@@ -181,5 +188,5 @@ def with_samples(
         blocks[:, list(samples.colour.places)] = samples.amounts(np.arange(len(blocks)))
     blocks.setflags(write=False)
     found = object.__new__(Information)
-    found.__dict__.update(blocks=blocks, names=names, transition=transition, samples=samples, origin=origin)
+    vars(found).update(blocks=blocks, names=names, transition=transition, samples=samples, origin=origin)
     return found

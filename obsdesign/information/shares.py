@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_divisor
+from obsdesign.display import AbstractDisplay, Summary, data_frame
 from obsdesign.errors import InputError
 from obsdesign.information.record import Information
 from obsdesign.model import AbstractSystem
@@ -17,11 +19,14 @@ from obsdesign.round_off import Sight
 from obsdesign.signals import Signal
 from obsdesign.simulation import as_scale
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _BULK = 0.7  # what a sentence calls most of what is known
 
 
 @dataclass(frozen=True, eq=False)
-class Contributions:
+class Contributions(AbstractDisplay):
     """What K stretches of a path and S sensors add to what is known of n states.
 
     std (n,): Cramer-Rao bound of each state, inf where hidden; shares (n, K, S): the part of 1/std^2 that each block brings,
@@ -36,6 +41,19 @@ class Contributions:
     weakest: np.ndarray
     weakest_value: float
     weakest_shares: np.ndarray
+
+    def to_dataframe(self) -> DataFrame:
+        """Return a row for each state and a column for each sensor: its share of what is known of the state, over all stretches.
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        shares = self.shares.sum(axis=1)
+        return data_frame(dict(zip(self.sensors, shares.T, strict=True)), {"state": np.array([state.name for state in self.states])})
+
+    def _summary(self) -> Summary:
+        stretches = self.shares.shape[1]
+        rows = zip((state.name for state in self.states), self.sentences, strict=True)
+        return Summary(f"who says what, over {stretches} stretches of the path", tuple(rows))
 
     @property
     def sentences(self) -> tuple[str, ...]:

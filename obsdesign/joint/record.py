@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obsdesign.design.record import Design
+from obsdesign.display import AbstractDisplay, Summary, number, raster_picture, raster_text
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
 
@@ -24,7 +25,7 @@ class OneSided:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(AbstractDisplay):
     """The best path and schedule found together: design for that schedule (`design.problem.weights`), schedule certified for that path.
 
     value = schedule.value, recomputed, of what is counted (design.value of what samples say together, where errors are not
@@ -47,3 +48,14 @@ class Joint:
     alternated: float
     status: Status
     seconds: float
+
+    def _summary(self) -> Summary:
+        rows = [
+            ("value", number(self.value)),
+            ("objective", number(self.objective)),
+            ("path first", number(self.path_first.objective)),
+            ("sensors first", number(self.sensors_first.objective)),
+            ("began from", self.origin),
+            *((f"sensor {s}", marks) for s, marks in enumerate(raster_text(self.schedule.chosen))),
+        ]
+        return Summary(f"path and schedule together: {self.status.value}", tuple(rows), raster_picture(self.schedule.chosen))

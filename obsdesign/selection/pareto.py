@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count, require_within
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.errors import InputError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
@@ -23,12 +25,15 @@ from obsdesign.selection.schedule import Schedule, require_blocks
 from obsdesign.selection.searching import Wanted
 from obsdesign.selection.selecting import chosen_for
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 _FRONTS = 60  # of the branch and bound for each limit: a second or so
 _ENDLESS = 1e30  # a budget that nothing exceeds
 
 
 @dataclass(frozen=True, eq=False)
-class Pareto:
+class Pareto(AbstractDisplay):
     """The front: for each limit (P,) the best schedule found, what it spends and is worth (P,), and what none is above (P,).
 
     slopes, levels (Q,): schedules that spend at most E are worth at most min over q of levels_q + slopes_q E.
@@ -41,6 +46,20 @@ class Pareto:
     schedules: tuple[Schedule, ...]
     slopes: np.ndarray
     levels: np.ndarray
+
+    def to_dataframe(self) -> DataFrame:
+        """Return a row for each limit: what the best schedule found spends and is worth, and what none is above.
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        return data_frame({"spent": self.spent, "value": self.values, "bound": self.bounds}, {"limit": self.limits})
+
+    def _summary(self) -> Summary:
+        rows = [
+            (f"at most {number(limit)}", f"value {number(value)}, none above {number(bound)}, spends {number(spent)}")
+            for limit, value, bound, spent in zip(self.limits, self.values, self.bounds, self.spent, strict=True)
+        ]
+        return Summary(f"information against energy, {len(rows)} limits", tuple(rows))
 
     def above(self, limit: float) -> float:
         """What no schedule that spends at most `limit` is above: concave in the limit, of every dual met on the way."""

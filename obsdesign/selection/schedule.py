@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from obsdesign.checks import require_count
 from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.display import AbstractDisplay, Summary, data_frame, number, raster_picture, raster_text
 from obsdesign.errors import InputError
 from obsdesign.status import Status
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 _FORGIVEN = 1e-9  # of its largest entry: what rounding may do to the symmetry and the eigenvalues of a block
 
 
 @dataclass(frozen=True, eq=False)
-class Schedule:
+class Schedule(AbstractDisplay):
     """Which sensors are on in which segment: chosen (K, S) bool, and how good that is.
 
     value = criterion(W), W the sum of what is known and the chosen blocks (the worst W where sensors may be lost), less what switching
@@ -48,6 +53,22 @@ class Schedule:
     nodes: int
     status: Status
     notes: tuple[str, ...] = ()
+
+    def to_dataframe(self) -> DataFrame:
+        """Return a row for each segment and a column for each sensor, true where it is on.
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        return data_frame({f"sensor {s}": column for s, column in enumerate(self.chosen.T)}, {"segment": np.arange(len(self.chosen))})
+
+    def _summary(self) -> Summary:
+        rows = [("value", number(self.value)), ("no schedule is above", f"{number(self.bound)} (gap {number(self.gap)})")]
+        rows += [(f"sensor {s}", marks) for s, marks in enumerate(raster_text(self.chosen))]
+        if self.notes:
+            rows.append(("notes", "; ".join(self.notes)))
+        segments, sensors = self.chosen.shape
+        title = f"schedule of {sensors} sensors in {segments} segments: {self.status.value}"
+        return Summary(title, tuple(rows), raster_picture(self.chosen))
 
 
 def gap_of(value: float, bound: float, criterion: AbstractCriterion) -> float:

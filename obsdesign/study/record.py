@@ -12,6 +12,7 @@ from obsdesign.design.limits import Shortfall
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.weave import Weave
+from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.flight import Flight
 from obsdesign.information.record import Information
 from obsdesign.information.shares import Contributions
@@ -129,7 +130,7 @@ class Check:
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
+class Study(AbstractDisplay):
     """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight, joint: where asked for.
 
     problems: what is asked of a path, for each suite. Where paths are given, nothing is designed: designs is empty, `about` names
@@ -152,6 +153,21 @@ class Study:
     about: str = DESIGNED
     others: tuple[Study, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def _summary(self) -> Summary:
+        schedule = self.selection.schedule
+        rows = [
+            (f"sees ({', '.join(answer.sensors)}; {answer.manoeuvre})", f"{answer.verdict.dimension} of {len(answer.verdict.at)}")
+            for answer in self.analyses[:5]
+        ]
+        rows += [
+            (f"design for {' + '.join(suite)}", f"{number(design.value)}, {design.status.value}")
+            for suite, design in zip(self.suites, self.designs, strict=False)
+        ]
+        rows.append(("schedule", f"{number(schedule.value)}, no schedule is above {number(schedule.bound)}, {schedule.status.value}"))
+        rows += [(f"filter on {check.path}, {check.schedule}", check.validation.verdict) for check in self.checks]
+        rows.append(("took", number(sum(self.seconds.values()), "s")))
+        return Summary(f"study: {self.scenario.title}", tuple(rows))
 
     @property
     def suites(self) -> tuple[tuple[str, ...], ...]:
