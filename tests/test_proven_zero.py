@@ -186,6 +186,8 @@ def test_a_known_input_that_touches_nothing_seen_is_no_obstacle():
     for field in ([0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, b * d]):
         system = affine("abcd", [0, 0, -b * c, 0], [a], known=[field], unknown=[[1, 0, 0, 0], [c, b, 0, 0]], state=x)
         assert found(od.observability(system)) == (1, True)
+        for at in ([0.3, 0.7, 1.1, 0.2], [1, 0, 2, 3], [0, 0, 0, 0]):  # a = int w1 + c w2 is any function from every state
+            assert found(od.observability(system, at)) == (1, True)
 
 
 def padded(rates, outputs, known, unknown, state, generator):

@@ -1,10 +1,20 @@
 """What is nearly singular within the rounding of the numbers given: the exact rank, and the rank of a point within rounding."""
 
+import time
+from fractions import Fraction
+
 import casadi as ca
 import numpy as np
 import pytest
+from flint import arb, arb_mat
 
 import obsdesign as od
+from obsdesign.analysis.equations import equations_of
+from obsdesign.analysis.experiments import Experiments
+from obsdesign.analysis.places import random_places
+from obsdesign.analysis.symbolic import residue_place
+from obsdesign.rank.pivoting import complement_of, holds_rank
+from obsdesign.rank.symbols import PRIME
 
 STRAIGHT = {"turn_rate": 0.0}
 WITHIN = "within the rounding of the numbers given it is"
@@ -129,3 +139,111 @@ def test_products_of_typed_numbers_that_cancel_an_input_are_never_decided_wrongl
     found = linear([[0, 0, 0], [0, 0, 1], [0, 0, 0]], field, [p, q, 0])
     assert not found.decided or found.dimension == 2
     assert found.dimension <= 2
+
+
+# ---------------------------------------------------------------- the parts
+
+
+def random_rows(seed, m, n, rank, radius=0.0):
+    """Rows of rank `rank` as balls, products of whole numbers: the same as fractions."""
+    generator = np.random.default_rng(seed)
+    exact = generator.integers(-5, 6, (m, rank)) @ generator.integers(-5, 6, (rank, n))
+    return exact, [[arb(int(entry), radius) for entry in row] for row in exact]
+
+
+def remainder_of_fractions(J, K, t, pivots):
+    """What is left of J + t K when the pivots' columns are cleared, one after another."""
+    rows = [[int(a) + t * int(b) for a, b in zip(*pair, strict=True)] for pair in zip(J, K, strict=True)]
+    for i, j in pivots:
+        rows = [row if k == i else [a - row[j] / rows[i][j] * b for a, b in zip(row, rows[i], strict=True)] for k, row in enumerate(rows)]
+    above, across = ({pivot[k] for pivot in pivots} for k in (0, 1))
+    return [entry for i, row in enumerate(rows) if i not in above for j, entry in enumerate(row) if j not in across]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_what_pivots_leave_and_its_slope_are_those_of_fractions(seed):
+    # S(t) = J_22 - J_21 J_11^-1 J_12 of J + t K by elimination of fractions; its slope at 0 by a difference, to t^2 = 1e-30
+    generator = np.random.default_rng(seed)
+    m, n, count = (int(k) for k in generator.integers([4, 4, 1], [7, 7, 4]))
+    J, K = generator.integers(-9, 10, (m, n)), generator.integers(-9, 10, (m, n))
+    pivots = [(int(i), int(j)) for i, j in zip(generator.permutation(m)[:count], generator.permutation(n)[:count], strict=True)]
+    t = Fraction(1, 10**15)
+    try:
+        before, at, after = (remainder_of_fractions(J, K, step, pivots) for step in (-t, Fraction(0), t))
+    except ZeroDivisionError:
+        return
+    found = complement_of([[arb(int(entry)) for entry in row] for row in J], pivots)
+    fewer = complement_of([[arb(int(entry)) for entry in row] for row in J], pivots[:-1])
+    assert found and fewer
+    assert [float(entry) for entry in found.value] == pytest.approx([float(entry) for entry in at], abs=1e-9)
+    wanted = [float((b - a) / (2 * t)) for a, b in zip(before, after, strict=True)]
+    for first in (found, fewer):
+        change = arb_mat([[arb(int(entry)) for entry in row] for row in K]) * first.right
+        assert [float(entry) for entry in found.slope(change, first)] == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_rank_that_holds_is_one_that_all_matrices_have(seed):
+    generator = np.random.default_rng(seed)
+    m, n = (int(k) for k in generator.integers(3, 8, 2))
+    rank = int(generator.integers(1, min(m, n) + 1))
+    exact, rows = random_rows(seed, m, n, rank)
+    true = int(np.linalg.matrix_rank(exact))
+    assert holds_rank(rows, true)
+    assert not holds_rank(rows, true + 1)
+    # balls that hold a matrix of lower rank: one that is moved by less than the radius
+    narrow, wide = ([[arb(int(entry), size) for entry in row] for row in exact] for size in (1e-12, float(np.abs(exact).max()) + 1))
+    assert holds_rank(narrow, true)
+    assert not holds_rank(wide, 1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_derivatives_along_directions_are_those_of_the_jacobian(seed):
+    x = ca.SX.sym("x", 3)
+    system = od.ControlAffineSystem(
+        x,
+        ("a", "b", "c"),
+        ca.vertcat(x[1], ca.sin(x[2]), x[0] * x[1]),
+        {"u": ca.vertcat(0, x[0], 1)},
+        {"w": ca.vertcat(1, 0, x[2])},
+        outputs={"y": x[0], "z": ca.exp(x[1])},
+    )
+    equations = equations_of(system.model)
+    experiments = Experiments(equations, next(random_places(3, seed)), 4, 2, seed)
+    generator = np.random.default_rng(seed)
+    directions = arb_mat([[arb(int(entry)) for entry in row] for row in generator.integers(-3, 4, (experiments.width, 2))])
+    assert (experiments.along(directions) - arb_mat(experiments.rows()) * directions).contains(arb_mat(len(experiments.labels), 2))
+
+
+def test_roots_exist_together_where_each_has_entries_of_its_own():
+    # fifteen ranges among as many points: 1 of 32,768 random states has all roots, but each point can be drawn until its own exists
+    x = ca.SX.sym("x", 32)
+    lengths = [ca.norm_2(x[:2] - x[2 + 2 * i : 4 + 2 * i]) for i in range(15)]
+    equations = equations_of(od.ControlAffineSystem(x, tuple(f"x{i}" for i in range(32)), outputs=dict(enumerate_names(lengths))).model)
+    for seed in range(5):
+        place = residue_place(equations, seed)
+        assert place.symbols is not None
+        assert not place.symbols.free
+        for i in range(15):
+            square = sum((place.state[k] - place.state[2 + 2 * i + k]) ** 2 for k in (0, 1)) % PRIME
+            assert pow(square, (PRIME - 1) // 2, PRIME) == 1
+
+
+def enumerate_names(expressions):
+    return ((f"y{i}", expression) for i, expression in enumerate(expressions))
+
+
+def test_a_large_map_at_a_point_takes_seconds():
+    """33 states, bearings and ranges to 15 points of the map, one known and one unknown input: shifts and rotation are hidden."""
+    n = 33
+    x = ca.SX.sym("x", n)
+    away = [(x[3 + 2 * i] - x[0], x[4 + 2 * i] - x[1]) for i in range(15)]
+    outputs = {f"bearing{i}": ca.atan2(north, east) - x[2] for i, (east, north) in enumerate(away)}
+    outputs |= {f"range{i}": ca.sqrt(east**2 + north**2) for i, (east, north) in enumerate(away)}
+    still = ca.SX.zeros(n - 3)
+    turn, forward = ca.vertcat(0, 0, 1, still), ca.vertcat(ca.cos(x[2]), ca.sin(x[2]), 0, still)
+    system = od.ControlAffineSystem(x, tuple(f"x{i}" for i in range(n)), known={"u": turn}, unknown={"w": forward}, outputs=outputs)
+    before = time.process_time()
+    found = od.observability(system, at=np.random.default_rng(0).uniform(0.3, 2, n))
+    assert (found.dimension, found.decided) == (30, True)
+    assert time.process_time() - before < 10

@@ -14,7 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import flint
-from flint import arb, nmod_mat
+from flint import arb, arb_mat, nmod_mat
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.places import Place, random_fractions, random_residues
@@ -86,16 +86,24 @@ class Experiments:
         return self.kept[key][-1]
 
     def _computed(self, experiment: int) -> list[list[Any]]:
-        arithmetic, equations = self.place.arithmetic, self.equations
-        number = arithmetic.number
-        arguments = Arguments(
+        equations = self.equations
+        matrices = equations.flow.responses if self.place.modular else equations.flow.sensitivities
+        return [row for matrix in matrices(self.place.arithmetic, self._arguments(experiment), self.orders) for row in matrix.tolist()]
+
+    def along(self, directions: arb_mat) -> arb_mat:
+        """Return J times directions (width, d) at a real place, at the working precision."""
+        flow, arithmetic = self.equations.flow, self.place.arithmetic
+        every = [flow.sensitivities(arithmetic, self._arguments(each), self.orders, directions) for each in range(self.count)]
+        return arb_mat([row for matrices in every for matrix in matrices for row in matrix.tolist()])
+
+    def _arguments(self, experiment: int) -> Arguments:
+        equations, number = self.equations, self.place.arithmetic.number
+        return Arguments(
             x=[number(value) for value in self.place.state],
             u=[[number(value) for value in series] for series in self._inputs(len(equations.known), f"known {experiment}")],
             w=[[number(value) for value in series] for series in self._inputs(len(equations.unknown), "unknown")],
             constants=[number(value) for value in equations.values],
         )
-        matrices = equations.flow.responses if self.place.modular else equations.flow.sensitivities
-        return [row for matrix in matrices(arithmetic, arguments, self.orders) for row in matrix.tolist()]
 
     def completed(self) -> Experiments:
         """Return as many experiments as it takes until more of them tell nothing more (modulo the prime)."""

@@ -51,6 +51,16 @@ def generic_finding(equations: Equations, smooth: bool, around: Surroundings) ->
     return _switched(equations, cap, around)
 
 
+def without_idle_inputs(equations: Equations, around: Surroundings) -> Equations:
+    """Return the equations without the inputs that change no output, from no state: what is observable is the same without them.
+
+    The covectors of what is observable to those who know all inputs vanish on their fields at generic states, so everywhere.
+    """
+    witness = witness_of(equations, around)
+    known = _if_known(equations, around, witness)
+    return equations.with_inputs(*_felt(equations, known, witness)) if known else equations
+
+
 def witness_of(equations: Equations, around: Surroundings) -> Place | None:
     """Return a real place where functions are symbols modulo the prime.
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from obsdesign.analysis.equations import Equations, with_input_states
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.finding import Finding, cut, how, precision_reached
-from obsdesign.analysis.generic import LEVELS, cap_of, witness_of
+from obsdesign.analysis.generic import LEVELS, cap_of, without_idle_inputs, witness_of
 from obsdesign.analysis.growth import Bounds, growth_modulo
 from obsdesign.analysis.invariant import growth_on_invariant
 from obsdesign.analysis.orbit import carried_rank
@@ -37,6 +37,8 @@ _CHEAP = 4e9
 
 def finding_at(equations: Equations, smooth: bool, place: Place, nearby: Finding, seed: int) -> Finding:
     """Return what is observable at the place; nearby: what is at generic states. Raises NoValueError where derivatives have no value."""
+    if equations.known and equations.unknown and not smooth:
+        equations = without_idle_inputs(equations, Surroundings(equations.asked, seed, place))
     if not equations.unknown:
         return _known(equations, place, seed)
     cap = _cap(equations, place, seed)

@@ -9,38 +9,27 @@ no more than r is seen within the rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import flint
-import numpy as np
-from flint import arb
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.places import Place
+from obsdesign.analysis.symbolic import residue_place
+from obsdesign.analysis.vanishing import Eliminated, Point, Rounded, leading, vanishing
 from obsdesign.rank.elimination import Rank, rank_of
-from obsdesign.rank.numbers import Number, as_ball
-from obsdesign.rank.pivoting import Pivots, Rows, Scales, pivots_of, scales_of, schur_complement
+from obsdesign.rank.pivoting import Rows, holds_rank, pivots_of, scales_of
 from obsdesign.rank.reading import ROUNDINGS, is_exact, is_residue
 
 SMALL = 1e-9
 """Pivots below this, relative to rows and columns scaled to 1, may be of the size of rounding errors of doubles."""
-_BITS, _STEP = 768, 256
-_VANISHED = 1e-6  # of what was left: Newton's method leaves its square
-_FARTHEST = 1.5  # units of rounding: the smallest sum of squares is not the smallest largest step
+_BITS, _FEWER_BITS = 768, 384
 _ORDERS, _FEW = 40, 8  # derivatives that are taken: 2 n + 12 of them where the states are few
+_SEARCHED = 3e7  # multiplications, some 5 s: a point whose coordinates alone may be rounded is looked for within these
 _LEFT_OVER = (1e-20, 1e-12)  # a long number of this size may be what is left of 0 where numbers of size 1e-4 to 1e4 cancel
-
-
-@dataclass(frozen=True)
-class Rounded:
-    """A number that may be rounded: entry `index` of the constants or of the state, and how far it may be from what was meant."""
-
-    is_constant: bool
-    index: int
-    distance: Fraction
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,20 +63,55 @@ def neighbour_within(equations: Equations, place: Place, numbers: Sequence[Round
     """
     full = rank == equations.asked
     orders = min(2 * equations.n + 12 if equations.n <= _FEW else max(order, equations.n) + 1, _ORDERS)
-    at = _Point(Experiments(equations, place, orders, 2 if equations.known else 1, seed))
+    at = Point(Experiments(equations, place, orders, 2 if equations.known else 1, seed))
     with flint.ctx.workprec(_BITS // 4):
-        box = _Point(replace(at.experiments, orders=order)).within(numbers)
+        box = Point(replace(at.experiments, orders=order)).within(numbers)
         keeps_rank = _at_least(box, rank)
-        if keeps_rank and (full or not equations.unknown or _keeps_inputs(at.within(numbers))):
+        if keeps_rank and (full or _keeps_inputs(at, at.within(numbers))):
             return None
     with flint.ctx.workprec(_BITS):
         box = at.within(numbers)
-        lower = None if keeps_rank or _at_least(box, rank) else _lower(at, box, numbers, rank)
-        return lower or (None if full or _keeps_inputs(box) else _higher(at, box, numbers, rank))
+        searched = any(number.is_constant for number in numbers) or _operations(at, numbers) <= _SEARCHED
+        lower = _lower(at, box, numbers, rank, order) if searched and not keeps_rank and not _at_least(box, rank) else None
+        return lower or (None if full or _keeps_inputs(at, box) else _higher(at, box, numbers, rank))
 
 
-def _lower(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> Neighbour | None:
-    """Return the rank where a pivot of J vanishes."""
+def _operations(at: Point, numbers: Sequence[Rounded]) -> int:
+    """Return about how many multiplications it takes to know what each of the numbers changes."""
+    experiments = at.experiments
+    return len(numbers) * experiments.count * experiments.orders**2 * experiments.equations.n**2
+
+
+def _lower(at: Point, box: Point, numbers: Sequence[Rounded], rank: int, order: int) -> Neighbour | None:
+    """Return the rank where a pivot of J vanishes.
+
+    Derivatives of the lowest orders that show the rank are looked at first: where their rank is lower nowhere, that of more is not.
+    """
+    with flint.ctx.workprec(_FEWER_BITS):
+        if not _may_be_lower(at, numbers, rank, order):
+            return None
+    eliminated = _eliminated(at, box, rank)
+    for there, kept, by_constants in vanishing(at, numbers, eliminated, at.width) if eliminated else ():
+        remaining = [there[i] for i, _ in kept]
+        smaller = rank_of(lambda rows=remaining: rows, at.width - at.eliminated, at.eliminated, confirmed=False, precisions=(_BITS,))
+        return Neighbour(smaller, by_constants)
+    return None
+
+
+def _may_be_lower(at: Point, numbers: Sequence[Rounded], rank: int, order: int) -> bool:
+    """Return whether a pivot of the fewest rows of J that show the rank vanishes within rounding: more rows only ask for more."""
+    while order < at.experiments.orders:
+        for count in range(1, at.experiments.count + 1):
+            few = Point(replace(at.experiments, orders=order, count=count))
+            eliminated = _eliminated(few, few.within(numbers), rank)
+            if eliminated:
+                return next(vanishing(few, numbers, eliminated, few.width), None) is not None
+        order = order + order // 2 + 1
+    return True
+
+
+def _eliminated(at: Point, box: Point, rank: int) -> Eliminated | None:
+    """Return the pivots of J; None where these are not as many as the rank asks for, or J has no value."""
     rows = box.rows_as_balls()
     if not _are_finite(rows):
         return None
@@ -96,14 +120,10 @@ def _lower(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> Ne
     if sum(j >= at.eliminated for _, (_, j) in pivots) < rank:
         return None
     least = sum(j < at.eliminated or size > SMALL for size, (_, j) in pivots)
-    for there, kept, by_constants in _vanishing(at, numbers, pivots, least, scales, at.width):
-        remaining = [there[i] for i, _ in kept]
-        smaller = rank_of(lambda rows=remaining: rows, at.width - at.eliminated, at.eliminated, confirmed=False, precisions=(_BITS,))
-        return Neighbour(smaller, by_constants)
-    return None
+    return Eliminated(scales, [pivot for _, pivot in pivots], least)
 
 
-def _higher(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> Neighbour | None:
+def _higher(at: Point, box: Point, numbers: Sequence[Rounded], rank: int) -> Neighbour | None:
     """Return the rank where a pivot of J_w vanishes, if it is higher there.
 
     Columns of J_w without a pivot are combinations of those with one where the rest of J_w vanishes: they are left out.
@@ -113,9 +133,9 @@ def _higher(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> N
         return None
     inputs = at.eliminated
     scales = scales_of([row[:inputs] for row in rows])
-    pivots = pivots_of(scales.of(_leading(at.rows(), inputs)), inputs)
-    least = sum(size > SMALL for size, _ in pivots)
-    for there, kept, by_constants in _vanishing(at, numbers, pivots, least, scales, inputs):
+    pivots = pivots_of(scales.of(leading(at.rows(), inputs)), inputs)
+    eliminated = Eliminated(scales, [pivot for _, pivot in pivots], sum(size > SMALL for size, _ in pivots))
+    for there, kept, by_constants in vanishing(at, numbers, eliminated, inputs):
         reduced = [[row[j] for _, j in kept] + row[inputs:] for row in there]
         larger = rank_of(lambda rows=reduced: rows, at.width - inputs, len(kept), confirmed=False, precisions=(_BITS,))
         if larger.rank > rank:
@@ -123,100 +143,39 @@ def _higher(at: _Point, box: _Point, numbers: Sequence[Rounded], rank: int) -> N
     return None
 
 
-def _vanishing(
-    at: _Point, numbers: Sequence[Rounded], pivots: Sequence[tuple[float, tuple[int, int]]], least: int, scales: Scales, width: int
-) -> Iterator[tuple[Rows, Pivots, bool]]:
-    """Yield J at the points within rounding where what some of the pivots leave of its first columns vanishes, these pivots, and whether
-    constants differ there; states are moved first."""
-    for count in range(least, len(pivots)):
-        kept = [pivot for _, pivot in pivots[:count]]
-        for chosen in ([number for number in numbers if not number.is_constant], numbers):
-            there = _newton(at, chosen, kept, scales, width)
-            if there is not None:
-                yield there.rows_as_balls(), kept, any(number.is_constant for number in chosen)
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """Experiments whose numbers can be moved."""
-
-    experiments: Experiments
-
-    @property
-    def eliminated(self) -> int:
-        return self.experiments.eliminated
-
-    @property
-    def width(self) -> int:
-        return self.experiments.width
-
-    def rows_as_balls(self) -> Rows:
-        """Return J."""
-        return self.experiments.rows()
-
-    def rows(self) -> Rows:
-        """Return J with the midpoints of its entries."""
-        return [[entry.mid() for entry in row] for row in self.experiments.rows()]
-
-    def moved(self, numbers: Sequence[Rounded], steps: Sequence[Number]) -> _Point:
-        """Return the point with the steps added to the numbers."""
-        equations, place = self.experiments.equations, self.experiments.place
-        values: list[Number] = [*equations.values]
-        state: list[Number] = [*place.state]
-        for number, step in zip(numbers, steps, strict=True):
-            entries = values if number.is_constant else state
-            entries[number.index] = as_ball(entries[number.index]) + as_ball(step)
-        constants = replace(equations, values=tuple(values))
-        return _Point(replace(self.experiments, equations=constants, place=replace(place, state=tuple(state))))
-
-    def within(self, numbers: Sequence[Rounded]) -> _Point:
-        """Return all points within rounding, as balls."""
-        return self.moved(numbers, [arb(0, as_ball(number.distance)) for number in numbers])
-
-
-def _at_least(points: _Point, rank: int) -> bool:
+def _at_least(points: Point, rank: int) -> bool:
     """Return whether the rank of what is asked about is at least so much at all of the points, by proof."""
     return _rank_at_least(points.rows_as_balls(), points.eliminated, rank)
 
 
-def _keeps_inputs(points: _Point) -> bool:
-    """Return whether J_w has the same rank at all of the points, by proof."""
+def _keeps_inputs(at: Point, points: Point) -> bool:
+    """Return whether the rank of J_w is nowhere less than at the point, by proof."""
     if not points.eliminated:
         return True
-    rows = _leading(points.rows_as_balls(), points.eliminated)
+    rows = leading(points.rows_as_balls(), points.eliminated)
+    if _are_finite(rows) and holds_rank(rows, _most_inputs(at.experiments)):
+        return True
     middle = [[entry.mid() for entry in row] for row in rows]
     most = rank_of(lambda: middle, points.eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank
     return _rank_at_least(rows, 0, most)
 
 
+def _most_inputs(experiments: Experiments) -> int:
+    """Return what the rank of J_w is at most with these constants (modulo the prime)."""
+    try:
+        there = residue_place(experiments.equations, experiments.seed)
+        return replace(experiments, place=there).bound(experiments.orders).eliminated
+    except ZeroDivisionError:  # a pole
+        return experiments.eliminated
+
+
 def _rank_at_least(rows: Rows, eliminated: int, rank: int) -> bool:
     if not _are_finite(rows):
         return False
+    if not eliminated and holds_rank(rows, rank):
+        return True
     return rank_of(lambda: rows, len(rows[0]) - eliminated, eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank >= rank
 
 
 def _are_finite(rows: Rows) -> bool:
     return all(entry.is_finite() for row in rows for entry in row)
-
-
-def _leading(rows: Rows, width: int) -> Rows:
-    return [row[:width] for row in rows]
-
-
-def _newton(at: _Point, numbers: Sequence[Rounded], pivots: Pivots, scales: Scales, width: int) -> _Point | None:
-    """Return the point within rounding at which what is left of the first columns after the pivots vanishes; None where there is none."""
-    if not numbers:
-        return None
-    left = schur_complement(scales.of(_leading(at.rows(), width)), pivots)
-    size = max(abs(entry) for entry in left)
-    slopes: list[list[float]] = []
-    for number in numbers:
-        further = schur_complement(scales.of(_leading(at.moved([number], [number.distance / 2**_STEP]).rows(), width)), pivots)
-        slopes.append([float((b - a) * 2**_STEP / size) for a, b in zip(left, further, strict=True)])
-    wanted = np.array([-float(entry / size) for entry in left])
-    steps = np.linalg.lstsq(np.array(slopes).T, wanted, rcond=1e-12)[0]
-    if np.abs(steps).max() > _FARTHEST:
-        return None
-    there = at.moved(numbers, [number.distance * Fraction(float(step)) for number, step in zip(numbers, steps, strict=True)])
-    after = max(abs(entry) for entry in schur_complement(scales.of(_leading(there.rows(), width)), pivots))
-    return there if after < _VANISHED * size else None

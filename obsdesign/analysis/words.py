@@ -49,14 +49,13 @@ class Space:
         if self.place.modular:
             chosen = independent_rows(values_modulo(function, arguments, self.place.arithmetic))
             if self.witness:
-                self._require_as_much(function, len(chosen))
+                self._require_as_much(function, self.witness, len(chosen))
             return chosen
         rank = rank_at(function, arguments, range(matrix.shape[0]), confirmed=False)
         return tuple(sorted(rank.rows))
 
-    def _require_as_much(self, matrix: ca.Function, rank: int) -> None:
-        assert self.witness
-        shown = rank_at(matrix, (self.witness.state, self.equations.values), confirmed=False)
+    def _require_as_much(self, matrix: ca.Function, witness: Place, rank: int) -> None:
+        shown = rank_at(matrix, (witness.state, self.equations.values), confirmed=False)
         if shown.rank != rank:
             raise OtherBranchError
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -69,7 +69,7 @@ def instructions(function: ca.Function) -> tuple[Instruction, ...]:
     return tuple(steps)
 
 
-def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Any]], ring: Ring) -> list[Any]:
+def evaluate(steps: Iterable[Instruction], arguments: Sequence[Sequence[Any]], ring: Ring) -> list[Any]:
     """Return the nonzeros of the result in column-major order; arguments: the nonzeros of each input.
 
     Raises NotExactError, and ZeroDivisionError from a ring that has no value for a quotient by zero.
@@ -88,6 +88,23 @@ def evaluate(steps: Sequence[Instruction], arguments: Sequence[Sequence[Any]], r
         else:
             raise NotExactError(f"the operation {_name(operation)} cannot be evaluated in exact arithmetic: write it with others")
     return [result[k] for k in range(len(result))]
+
+
+def supports_of(steps: Sequence[Instruction]) -> list[frozenset[int]]:
+    """Return for every step the entries of the first argument that its value may depend on."""
+    work: dict[int, frozenset[int]] = {}
+    supports: list[frozenset[int]] = []
+    for operation, target, sources, _ in steps:
+        if operation == ca.OP_INPUT:
+            support = frozenset({sources[1]} if sources[0] == 0 else ())
+        elif operation == ca.OP_OUTPUT:
+            supports.append(work[sources[0]])
+            continue
+        else:
+            support = frozenset().union(*(work[source] for source in sources)) if operation != ca.OP_CONST else frozenset()
+        work[target] = support
+        supports.append(support)
+    return supports
 
 
 _STRUCTURE = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST}

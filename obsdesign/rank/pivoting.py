@@ -1,11 +1,12 @@
-"""Elimination with full pivoting of matrices of numbers (midpoints of balls), and the Schur complement that given pivots leave."""
+"""Elimination with full pivoting of matrices of numbers (midpoints of balls), the Schur complement that given pivots leave, minors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flint import arb
+import numpy as np
+from flint import arb, arb_mat
 
 Rows = list[list[arb]]
 Pivots = list[tuple[int, int]]
@@ -24,6 +25,14 @@ class Scales:
         """Return the rows scaled."""
         exponents = zip(rows, self.rows, strict=True)
         return [_halved(row, [width + exponent for width in self.columns]) for row, exponent in exponents]
+
+    def of_rows(self, rows: Rows) -> Rows:
+        """Return rows of combinations of columns, divided as the rows are."""
+        return [_halved(row, [exponent] * len(row)) for row, exponent in zip(rows, self.rows, strict=True)]
+
+    def of_directions(self, directions: Rows) -> Rows:
+        """Return what multiplies columns as they are, from what multiplies scaled ones."""
+        return [_halved(row, [width] * len(row)) for row, width in zip(directions, self.columns, strict=True)]
 
 
 def scales_of(within: Rows) -> Scales:
@@ -49,14 +58,91 @@ def pivots_of(rows: Rows, first: int) -> list[tuple[float, tuple[int, int]]]:
     return pivots
 
 
-def schur_complement(rows: Rows, pivots: Pivots) -> list[arb]:
-    """Return what the pivots leave of the other rows and columns."""
-    used: set[int] = set()
-    for i, j in pivots:
-        rows = _cleared(rows, i, j, used)
-        used.add(i)
-    columns = {j for _, j in pivots}
-    return [entry for i, row in enumerate(rows) if i not in used for j, entry in enumerate(row) if j not in columns]
+@dataclass(frozen=True, eq=False)
+class Complement:
+    """The Schur complement S = J_22 - J_21 J_11^-1 J_12 that pivots leave of J, and its slopes dS = left dJ right.
+
+    left = [-J_21 J_11^-1, 1], right = [-J_11^-1 J_12; 1], in the order of J's rows and columns; rest: the columns without a pivot.
+    """
+
+    left: arb_mat
+    right: arb_mat
+    rest: list[int]
+    value: list[arb]
+
+    @property
+    def size(self) -> arb:
+        """Largest entry of S."""
+        return max((abs(entry) for entry in self.value), default=arb(0))
+
+    def slope(self, change: arb_mat, fewer: Complement) -> list[arb]:
+        """Return dS row by row, from dJ right of the complement of the first of these pivots."""
+        share = [[self.right[j, k] for k in range(self.right.ncols())] for j in fewer.rest]
+        return _middle(self.left * (change * arb_mat(share)))
+
+
+def complement_of(rows: Rows, pivots: Pivots) -> Complement | None:
+    """Return what the pivots leave of the other rows and columns of J; None where J_11 is not told to be invertible."""
+    m, n = len(rows), len(rows[0])
+    above, across = [i for i, _ in pivots], [j for _, j in pivots]
+    below, rest = ([k for k in range(size) if k not in taken] for size, taken in ((m, set(above)), (n, set(across))))
+    left, right = _unit(below, m), _unit(rest, n).transpose()
+    try:
+        if pivots:
+            J_11 = arb_mat([[rows[i][j] for j in across] for i in above])
+            left = left - _spread(J_11.transpose().solve(_part(rows, below, across).transpose()).transpose(), above, m)
+            right = right - _spread(J_11.solve(_part(rows, above, rest)).transpose(), across, n).transpose()
+    except ZeroDivisionError:
+        return None
+    value = _middle(left * (arb_mat(rows) * right))
+    return Complement(left.mid(), right.mid(), rest, value)
+
+
+def _part(rows: Rows, chosen: Sequence[int], columns: Sequence[int]) -> arb_mat:
+    return arb_mat(len(chosen), len(columns), [rows[i][j] for i in chosen for j in columns])
+
+
+def _unit(positions: Sequence[int], width: int) -> arb_mat:
+    """Return the matrix (k, width) whose row i is the unit covector of position i."""
+    return arb_mat(len(positions), width, [int(j == position) for position in positions for j in range(width)])
+
+
+def _spread(matrix: arb_mat, columns: Sequence[int], width: int) -> arb_mat:
+    """Return the matrix (k, r) with its columns at the given places of `width`."""
+    return matrix * _unit(columns, width)
+
+
+def _middle(matrix: arb_mat) -> list[arb]:
+    return [entry.mid() for entry in matrix.entries()]
+
+
+def holds_rank(rows: Rows, rank: int) -> bool:
+    """Return whether every matrix in the balls (m, n) has at least this rank, by proof, if that shows in doubles.
+
+    A minor A is chosen by QR decompositions with pivoting; with R near the inverse of its midpoint, R A = 1 + E is invertible where the
+    rows of |E| sum to less than 1.
+    """
+    if not rank:
+        return True
+    if rank > min(len(rows), len(rows[0])):
+        return False
+    values = np.array([[float(entry.mid()) for entry in row] for row in scales_of(rows).of(rows)])
+    if not np.isfinite(values).all():
+        return False
+    columns = _leading_columns(values, rank)
+    chosen = _leading_columns(values[:, columns].T, rank)
+    A = _part(rows, chosen, columns)
+    try:
+        E = A.mid().inv().mid() * A
+    except ZeroDivisionError:
+        return False
+    return all(sum((abs(E[i, j] - int(i == j)) for j in range(rank)), arb(0)) < 1 for i in range(rank))
+
+
+def _leading_columns(values: np.ndarray, count: int) -> list[int]:
+    from scipy.linalg import qr
+
+    return [int(j) for j in qr(values, mode="r", pivoting=True)[-1][:count]]
 
 
 def _cleared(rows: Rows, i: int, j: int, used: set[int]) -> Rows:

@@ -116,14 +116,12 @@ def _candidates(value: float) -> Iterator[tuple[int, Fraction | Irrational]]:
         yield 1, Fraction(0)
 
 
-def _surds(value: float, width: float) -> Iterator[tuple[int, Irrational]]:
+def _surds(value: float, width: float) -> Iterator[tuple[int, Fraction | Irrational]]:
     """Yield q sqrt(2), q sqrt(3), q sqrt(6), q (sqrt(6) +- sqrt(2)) near the double, q rational, each with its height."""
     for parts, size in _SURDS.items():
         q = _short(value / float(size), _LIKELY // 2**10)
         if q is not None and _agree(value, q * size, width):
-            found = combination(*(part * q for part in parts))
-            assert isinstance(found, Irrational)
-            yield _height(q), found
+            yield _height(q), combination(*(part * q for part in parts))
 
 
 def is_residue(value: float) -> bool:

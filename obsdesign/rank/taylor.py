@@ -12,6 +12,7 @@ from typing import Any
 
 import casadi as ca
 import flint
+from flint import arb_mat
 
 from obsdesign.rank.graph import Arithmetic, Instruction, evaluate, instructions
 from obsdesign.repeats import without_repeats
@@ -57,8 +58,10 @@ class Flow:
             states = [[start, *(rate[k] / (k + 1) for k in range(known))] for start, rate in zip(arguments.x, rates, strict=True)]
         return states
 
-    def sensitivities(self, arithmetic: Arithmetic, arguments: Arguments, orders: int) -> tuple[Any, ...]:
+    def sensitivities(self, arithmetic: Arithmetic, arguments: Arguments, orders: int, along: arb_mat | None = None) -> tuple[Any, ...]:
         """Return, for k = 0..orders, the matrix (q, p * orders + n) of d y_k / d (w_0, ..., w_(orders-1), x(0)).
+
+        along (p * orders + n, d): directions, where the derivatives along these are asked for, (q, d) each.
 
         y_k, w_k: coefficients of t^k. X_(k+1) = (sum_j A_j X_(k-j) + B_(k-l) in the columns of w_l) / (k + 1), y_k = sum_j C_j X_(k-j).
         """
@@ -68,11 +71,13 @@ class Flow:
         zero = arithmetic.number(0)
         one = arithmetic.number(1)
         width = p * orders + n
-        X = [arithmetic.matrix(n, width, [one if j == p * orders + i else zero for i in range(n) for j in range(width)])]
+        start = arithmetic.matrix(n, width, [one if j == p * orders + i else zero for i in range(n) for j in range(width)])
+        X = [start if along is None else start * along]
         for k in range(orders):
             forced = [B[k - order][i, j] if order <= k else zero for i in range(n) for order in range(orders) for j in range(p)]
             columns = [forced[i * p * orders : (i + 1) * p * orders] + [zero] * n for i in range(n)]
             total = arithmetic.matrix(n, width, [entry for row in columns for entry in row])
+            total = total if along is None else total * along
             for j in range(k + 1):
                 total = total + A[j] * X[k - j]
             X.append(total * (one / (k + 1)))
