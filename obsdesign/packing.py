@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -34,9 +35,12 @@ def unpacked(values: np.ndarray, n: int) -> np.ndarray:
     return J
 
 
+@lru_cache(64)
 def lower_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and columns of the lower triangle, column by column."""
     columns, rows = np.triu_indices(n)
+    for each in (rows, columns):
+        each.flags.writeable = False  # they are shared
     return rows, columns
 
 

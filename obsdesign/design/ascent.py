@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from time import perf_counter
 
 import numpy as np
@@ -11,7 +13,7 @@ from obsdesign.design.aim import AbstractAim, weights_of
 from obsdesign.design.climbable import AbstractProgram
 from obsdesign.design.local import FEASIBLE, Local, Solved, corrected, local_at, priced, sharpened, slack_if_lighter, solved
 from obsdesign.design.scene import Place, Scene, Terms
-from obsdesign.design.values import Multipliers, Values
+from obsdesign.design.values import Multipliers, Slopes, Values
 from obsdesign.status import Status
 
 ITERATIONS = 150  # work, not seconds, decides when a climb is given up
@@ -44,8 +46,7 @@ class Limits:
 class Solution:
     """Where a climb stopped.
 
-    objective: aim minus price by the program; violation: the largest shortfall of a margin; residual: largest entry of the
-    projected gradient of the Lagrangian times the width of the box, in units of the aim.
+    objective: aim minus price by the program; violation: the largest shortfall of a margin.
     """
 
     p: np.ndarray
@@ -53,13 +54,21 @@ class Solution:
     violation: float
     status: Status
     iterations: int
-    residual: float
     warm: Warm
+    slope: Callable[[], float]
+
+    @cached_property
+    def residual(self) -> float:
+        """The largest entry of the projected gradient of the Lagrangian times the width of the box, in units of the aim."""
+        return self.slope()
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Everything that one iteration hands to the next; held (q,): parameters on their bounds; relaxed: times the penalty fell."""
+    """Everything that one iteration hands to the next.
+
+    held (q,): parameters on their bounds; relaxed: times the penalty fell; slopes: at the place, None where they are not known yet.
+    """
 
     place: Place
     multipliers: Multipliers
@@ -67,6 +76,7 @@ class _State:
     radius: float
     held: np.ndarray
     relaxed: int = 0
+    slopes: Slopes | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +148,8 @@ def _adopted(other: Multipliers, own: Multipliers) -> Multipliers:
 
 def _moved(scene: Scene, state: _State, tolerance: float) -> _Moved:
     """Make a model and solve it in ever smaller regions until a step is a gain."""
-    local = local_at(scene, state.place, state.multipliers, state.held, state.terms)
+    slopes = scene.program.slopes(state.place.values) if state.slopes is None else state.slopes
+    local, state = local_at(scene, state.place, slopes, state.multipliers, state.held, state.terms), replace(state, slopes=slopes)
     promised, ever = np.inf, False
     while state.radius > _SMALLEST:
         found = solved(local, state.terms, state.radius)
@@ -153,13 +164,13 @@ def _moved(scene: Scene, state: _State, tolerance: float) -> _Moved:
             escaped = _escaped(local, terms, state.radius, tolerance)
             if escaped is None:
                 break
-            return _Moved(replace(state, place=escaped, held=found.step.bounds > _SETTLED), True, promised, True)
+            return _Moved(replace(state, place=escaped, held=found.step.bounds > _SETTLED, slopes=None), True, promised, True)
         reached = _best(local, found, terms, state.radius, promised)
         gained, length = place.merit - reached.merit, float(np.max(np.abs(found.d) / scene.width))
         if gained > 0.05 * promised:
             held = found.step.bounds > _SETTLED
             radius = _next_radius(state.radius, length, gained / promised)
-            return _Moved(replace(state, place=reached, held=held, radius=radius), True, promised, True)
+            return _Moved(replace(state, place=reached, held=held, radius=radius, slopes=None), True, promised, True)
         state = replace(state, radius=0.35 * min(length, state.radius))
     return _Moved(state, False, promised, ever)
 
@@ -266,13 +277,15 @@ def _verdict(scene: Scene, moved: _Moved, tolerance: float) -> Status:
 def _solution(scene: Scene, state: _State, status: Status, iterations: int) -> Solution:
     place = state.place
     warm = Warm(state.multipliers, min(state.terms.penalty, 100.0), max(state.radius, 1e-3))
-    residual = _residual(scene, state) if np.isfinite(place.merit) else float("nan")
-    return Solution(place.values.p, place.aim - place.values.price, place.violation, status, iterations, residual, warm)
+    objective = place.aim - place.values.price
+    return Solution(place.values.p, objective, place.violation, status, iterations, warm, partial(_residual, scene, state))
 
 
 def _residual(scene: Scene, state: _State) -> float:
+    if not np.isfinite(state.place.merit):
+        return float("nan")
     values, multipliers, program = state.place.values, state.multipliers, scene.program
-    slopes = program.slopes(values)
+    slopes = program.slopes(values) if state.slopes is None else state.slopes
     g = multipliers.price * slopes.price - np.einsum("bij,bqij->q", multipliers.matrices, slopes.matrices)
     g -= np.einsum("bij,bqij->q", multipliers.floors, slopes.floors) + multipliers.rows @ slopes.rows
     width = scene.width

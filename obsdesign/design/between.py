@@ -11,6 +11,7 @@ from obsdesign.constraints.abstract import Span
 from obsdesign.design.instants import Instants, Intervals, best_instant, instants_of, stretches
 from obsdesign.design.nodes import Nodes, nodes_of
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.quintic import least_of_quintic
 from obsdesign.simulation import states_from, substeps_along
 from obsdesign.trajectory import Trajectory
 
@@ -56,27 +57,44 @@ class Fine:
     def margins(self) -> np.ndarray:
         """Margins (F+1, r) at the instants."""
         begin, end = self.ends
-        return np.vstack([begin[0], end[0, -1:]])
+        return np.vstack([begin, end[-1:]])
 
     @cached_property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Margins, first and second derivatives in time where each interval begins and where it ends: (3, F, r) each."""
-        begin = np.array(self.instants.in_time(self.x[:-1], self.u))
-        end = np.concatenate([begin[:, 1:], np.empty_like(begin[:, :1])], axis=1)
-        jumps = np.append(np.flatnonzero(np.any(self.u[1:] != self.u[:-1], axis=1)), len(self.u) - 1)
-        end[:, jumps] = np.array(self.instants.in_time(self.x[jumps + 1], self.u[jumps]))
+        """Margins (F, r) where each interval begins and where it ends, the inputs those that are held over it."""
+        values = self.nodes.values(self.x, np.vstack([self.u, self.u[-1:]]))
+        begin, end = values[:-1], values[1:]
+        if any(self.nodes.of_inputs) and len(jumps := np.flatnonzero(np.any(self.u[1:] != self.u[:-1], axis=1))):
+            end = end.copy()
+            end[jumps] = self.nodes.values(self.x[jumps + 1], self.u[jumps])
         return begin, end
 
-    def lows(self, mine: np.ndarray, span: Span) -> list[Low]:
-        """Return the local minima of each of the margins `mine` that are near 0 or below within a span, and always its least one.
+    def at_nodes(self, finer: int) -> np.ndarray:
+        """Margins (N+1, r) at every so manyth instant."""
+        return self.margins[::finer]
 
-        On each interval a margin is the polynomial of fifth degree through values, slopes and curvatures at its ends, which differs
-        from that of third degree by far more than from the margin itself: intervals are halved until these two agree to 1e-6.
+    @cached_property
+    def change(self) -> np.ndarray:
+        """The most that each margin changes by over an interval (r,)."""
+        begin, end = self.ends
+        return np.abs(end - begin).max(axis=0)
+
+    def lows(self, mine: np.ndarray, span: Span) -> list[Low]:
+        """Return the local minima of each of the margins `mine` that are near 0 or below within a span.
+
+        Only intervals are looked into at whose ends a margin is not above 0.01 by the most that it changes by over any interval: in
+        between it cannot fall by more than about half of that. There it is the polynomial of fifth degree through values, slopes and
+        curvatures at both ends, which differs from that of third degree by far more than from the margin itself: intervals are halved
+        until these two agree to 1e-6.
         """
         within, low, high = stretches(self.t[:-1], self.h, *self._window(span))
-        begin, end = (side[:2, within][:, :, mine] for side in self.ends)
-        bound = np.minimum(begin[0], end[0]) - self.h * np.maximum(np.abs(begin[1]), np.abs(end[1]))
-        which, at = np.nonzero((bound < np.maximum(_NEAR, bound.min(axis=0) + 1e-12)).T)
+        lowest = np.minimum(*(side[within][:, mine] for side in self.ends))
+        if not np.isfinite(lowest).all():
+            at, which = np.argwhere(~np.isfinite(lowest))[0]
+            return [Low(int(mine[which]), float(self.t[within[at]]), np.nan)]
+        which, at = np.nonzero((lowest < _NEAR + self.change[mine]).T)
+        if not len(which):
+            return []
         chosen, margin = within[at], mine[which]
         tau, value = self._least(chosen, margin, low[at], high[at])
         at_end = tau >= self.h * (1 - 1e-9)
@@ -97,8 +115,11 @@ class Fine:
 
     def _least(self, which: np.ndarray, margin: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When (seconds after they begin) margins (K,) are least in intervals (K,), each from low to high, and what they are then."""
-        begin, end = (side[:, which, margin] for side in self.ends)
-        share, value, error = _minimum(begin, end, np.full(len(which), self.h), low / self.h, high / self.h)
+        every, place = np.unique(which, return_inverse=True)
+        u = self.u[every]
+        sides = np.array([self.instants.in_time(self.x[every + after], u) for after in (0, 1)])
+        begin, end = sides[:, :, place, margin]
+        share, value, error = least_of_quintic(begin, end, np.full(len(which), self.h), low / self.h, high / self.h)
         tau = share * self.h
         for k in np.flatnonzero((error > _ROUGH) & (value - error < _NEAR)):
             tau[k], value[k] = self._halved(int(which[k]), int(margin[k]), float(low[k]), float(high[k]))
@@ -118,86 +139,47 @@ class Fine:
         sides = np.array(self.instants.in_time(self.instants.states(x, u, taus), u))[:, :, j]
         width = float(taus[1] - taus[0])
         count = len(taus) - 1
-        share, value, error = _minimum(sides[:, :-1], sides[:, 1:], np.full(count, width), np.zeros(count), np.ones(count))
+        share, value, error = least_of_quintic(sides[:, :-1], sides[:, 1:], np.full(count, width), np.zeros(count), np.ones(count))
         k = int(value.argmin())
         return float(taus[k] + share[k] * width), float(value[k]), not ((error > _ROUGH) & (value - error < value[k])).any()
 
 
 def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:
-    """Return a path integrated ten times as finely, or finer, until its margins at the nodes are exact to 1e-8 by Richardson's rule."""
+    """Return a path integrated ten times as finely, or finer, until its margins at the nodes are exact to 1e-8 by Richardson's rule.
+
+    Never more coarsely than the path itself: what its sub-steps are too long for is not smooth between the instants either.
+    """
+    finer = max(FINER, substeps_along(problem.system, path))
+    fine = _fine(problem, path, finer)
+    here = fine.nodes.values(path.x, np.vstack([path.u, path.u[-1:]]))
+    if _differ(here, here, fine.at_nodes(finer)) <= _CLOSE:
+        return fine
+    coarse = _fine(problem, path, finer // 2).at_nodes(finer // 2)
+    while _differ(here, coarse, fine.at_nodes(finer)) > 15 * _EXACT and finer < _FINEST:
+        coarse, finer = fine.at_nodes(finer), 2 * finer
+        fine = _fine(problem, path, finer)
+    return fine
+
+
+def _fine(problem: DesignProblem, path: Trajectory, finer: int) -> Fine:
     model = problem.system.model
-    nodes = nodes_of(model, problem.constraints)
-    instants, finer = instants_of(model, problem.constraints), FINER
-    _, fine, u = refined(problem, path, finer)
-    near = _differ(instants, path, path.x, fine[::finer]) <= _CLOSE
-    coarse = fine if near else refined(problem, path, finer // 2)[1]
-    while not near and finer < _FINEST and _differ(instants, path, coarse[:: finer // 2], fine[::finer]) > 15 * _EXACT:
-        coarse, finer = fine, 2 * finer
-        _, fine, u = refined(problem, path, finer)
-    return Fine(instants, nodes, np.arange(len(fine)) * (path.step / finer), fine, u)
+    step, x, u = refined(problem, path, finer)
+    return Fine(instants_of(model, problem.constraints), nodes_of(model, problem.constraints), np.arange(len(x)) * step, x, u)
 
 
-def _differ(instants: Instants, path: Trajectory, one: np.ndarray, other: np.ndarray) -> float:
-    """By how much the margins at the nodes differ between two sets of states (N+1, n), where they are near 0."""
-    u = np.vstack([path.u, path.u[-1:]])
-    rest = np.zeros(len(u))
-    first, second = instants.values(one, u, rest), instants.values(other, u, rest)
-    return float(np.abs(first - second)[first < 1.0].max(initial=0.0))
+def _differ(here: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
+    """By how much margins (N+1, r) of two sets of states differ, where those of the path are near 0."""
+    return float(np.abs(one - other)[here < 1.0].max(initial=0.0))
 
 
 def refined(problem: DesignProblem, path: Trajectory, finer: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Return shorter steps [s] along a path, so many for each of its own: states (finer N + 1, n), inputs (finer N, m).
 
-    They are made of at least as many sub-steps as the path itself.
+    They are made of ten times as many sub-steps as the path itself, or more: exact to a ten thousandth of what it is.
     """
-    substeps = -(-substeps_along(problem.system, path) // finer)
+    substeps = -(-FINER * substeps_along(problem.system, path) // finer)
     u = np.repeat(path.u, finer, axis=0)
     return path.step / finer, states_from(problem.system, path.x[:1], u, path.step / finer, substeps=substeps)[0], u
-
-
-def _minimum(
-    begin: np.ndarray, end: np.ndarray, h: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return share (K,) of intervals of h (K,) seconds, within [low, high], at which a quintic is least, its value, and an error.
-
-    begin, end (3, K): value and derivatives. The quintic is that of Hermite; error: by how much the cubic differs from it there.
-    """
-    (a, b, c), (d, e, f) = ((side[0], side[1] * h, side[2] * h * h / 2) for side in (begin, end))
-    rise = d - a
-    quintic = np.stack(
-        [
-            a,
-            b,
-            c,
-            10 * rise - 6 * b - 4 * e - 3 * c + f,
-            -15 * rise + 8 * b + 7 * e + 3 * c - 2 * f,
-            6 * rise - 3 * b - 3 * e - c + f,
-        ]
-    )
-    cubic = np.stack([a, b, 3 * rise - 2 * b - e, b + e - 2 * rise])
-    shares = low + (high - low) * np.linspace(0, 1, 9)[:, None]
-    values = _polynomial(quintic, shares)
-    k, columns = values.argmin(axis=0), np.arange(len(h))
-    share = shares[k, columns]
-    for _ in range(4):
-        slope, bend = _polynomial(_derived(quintic), share), _polynomial(_derived(_derived(quintic)), share)
-        moved = np.where(bend > 0, -slope / np.where(bend > 0, bend, 1.0), 0.0)
-        share = np.clip(share + np.clip(moved, -0.125, 0.125), low, high)
-    value, at_first = _polynomial(quintic, share), values[k, columns]
-    share, value = np.where(value <= at_first, share, shares[k, columns]), np.minimum(value, at_first)
-    return share, value, np.abs(_polynomial(cubic, shares) - values).max(axis=0)
-
-
-def _polynomial(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Values of polynomials, coefficients (degree + 1, K) in rising order."""
-    value = coefficients[-1] + 0 * at
-    for each in coefficients[-2::-1]:
-        value = value * at + each
-    return value
-
-
-def _derived(coefficients: np.ndarray) -> np.ndarray:
-    return coefficients[1:] * np.arange(1, len(coefficients))[:, None]
 
 
 def _local(which: np.ndarray, value: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from obsdesign.costs.abstract import AbstractCost
 from obsdesign.design.between import FINER, Low, fine_margins, refined
 from obsdesign.design.nodes import nodes_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.rows import node_margins, rows_of, tightened
+from obsdesign.design.rows import node_margins, nodes_between, rows_of, tightened, window_of
 from obsdesign.information.windows import sliding_information
 from obsdesign.trajectory import Trajectory
 
@@ -49,9 +49,8 @@ class Shortfall:
 
 def nodes_within(constraint: AbstractConstraint, steps: int, step: float) -> np.ndarray:
     """Return the nodes of a grid of N steps that lie within a constraint's span, the nearest one at least."""
-    span, end = constraint.span, steps * step
-    first, last = (end if time is None else time for time in (span.first, span.last))
-    inside = np.arange(int(np.ceil(first / step - 1e-9)), min(steps, int(np.floor(last / step + 1e-9))) + 1)
+    first, last = window_of(constraint, steps * step)
+    inside = nodes_between(first, last, steps, step)
     return inside if inside.size else np.array([min(steps, round(first / step))])
 
 
@@ -82,8 +81,8 @@ def _constraint_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Sho
         if not len(mine):
             continue
         span = constraint.span
-        worst = fine.best(mine, span) if span.anywhere else min(fine.lows(mine, span), key=_value, default=Low(int(mine[0]), 0.0, np.nan))
-        if not worst.value >= -ALLOWED:
+        worst = fine.best(mine, span) if span.anywhere else min(fine.lows(mine, span), key=_value, default=None)
+        if worst is not None and not worst.value >= -ALLOWED:
             size, unit = constraint.size
             found.append(Shortfall(str(constraint), worst.time, float(-worst.value * size), unit, worst.value))
     return found

@@ -54,10 +54,9 @@ class Solved:
         return self.step.d
 
 
-def local_at(scene: Scene, place: Place, multipliers: Multipliers, held: np.ndarray, terms: Terms) -> Local:
+def local_at(scene: Scene, place: Place, slopes: Slopes, multipliers: Multipliers, held: np.ndarray, terms: Terms) -> Local:
     """Return the model's data; multipliers weigh the curvatures, held (q,) says which parameters lie on their bounds."""
     values, aim = place.values, scene.aim
-    slopes = scene.program.slopes(values)
     H, g = scene.program.curvature(values, slopes, multipliers), slopes.price / terms.unit
     hard, hard_slopes = np.zeros(0), np.zeros((0, len(g)))
     if not aim.is_cone:

@@ -69,7 +69,7 @@ class Program(AbstractProgram):
     def inputs(self, p: np.ndarray) -> np.ndarray:
         """Return u (N, m)."""
         if self._inputs.is_linear:
-            offset, slope = self._line
+            offset, slope = self._inputs.line
             return (offset + slope @ p).reshape(self.steps, self.m)
         return self._inputs.value(p).full().reshape(self.steps, self.m)
 
@@ -137,18 +137,8 @@ class Program(AbstractProgram):
 
     def _slope_of_inputs(self, p: np.ndarray) -> np.ndarray:
         if self._inputs.is_linear:
-            return self._constant_slope
+            return self._inputs.line[1].reshape(self.steps, self.m, self.q)
         return self._inputs.slope(p).full().reshape(self.steps, self.m, self.q)
-
-    @cached_property
-    def _line(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offset (N m,) and slope (N m, q) of inputs that are linear in their parameters."""
-        slope = self._constant_slope.reshape(-1, self.q)
-        return self._inputs.value(self.lower).full().ravel() - slope @ self.lower, slope
-
-    @cached_property
-    def _constant_slope(self) -> np.ndarray:
-        return self._inputs.slope((self.lower + self.upper) / 2).full().reshape(self.steps, self.m, self.q)
 
     def _summed(self, linear: Linear, G: np.ndarray) -> np.ndarray:
         """Derivatives (M, q, n, n) of S W S, W the sum of the gains."""

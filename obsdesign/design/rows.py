@@ -16,6 +16,8 @@ from obsdesign.design.values import NO_ROWS, Choice, Rows
 from obsdesign.trajectory import Trajectory
 
 _AIM = 5e-7  # by how much a margin, of order 1, may fall short before it is asked for again
+# of a shortfall, so much more is asked for at a new instant, up to so much: the least margin moves a little when it is asked for
+_SURPLUS, _MOST_SURPLUS = 0.1, 1e-5
 _SAME = 1e-3  # share of a step within which two instants are one
 _MOST = 40  # instants of one margin that are asked for at once
 
@@ -53,9 +55,14 @@ def window_of(constraint: AbstractConstraint, end: float) -> tuple[float, float]
     return first, last
 
 
+def nodes_between(first: float, last: float, steps: int, step: float) -> np.ndarray:
+    """Return the nodes from first to last [s]."""
+    return np.arange(int(np.ceil(first / step - 1e-9)), min(steps, int(np.floor(last / step + 1e-9))) + 1)
+
+
 def _instants_within(first: float, last: float, steps: int, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes from first to last [s], and these two themselves where they lie between nodes: as nodes, and seconds after them."""
-    inside = np.arange(int(np.ceil(first / step - 1e-9)), min(steps, int(np.floor(last / step + 1e-9))) + 1)
+    inside = nodes_between(first, last, steps, step)
     ends = np.array([time for time in dict.fromkeys((first, last)) if abs(time / step - round(time / step)) > 1e-9])
     before = np.floor(ends / step).astype(int)
     return np.concatenate([inside, before]), np.concatenate([np.zeros(len(inside)), ends - before * step])
@@ -165,4 +172,4 @@ def _new_rows(problem: DesignProblem, path: Trajectory, low: Sequence[Low]) -> R
     instants = instants_of(problem.system.model, problem.constraints)
     coarse = instants.values(path.x[node], path.u[node], after)[np.arange(len(node)), margin]
     value = np.array([each.value for each in low])
-    return Rows(node, margin, np.maximum(coarse - value, 0.0), after)
+    return Rows(node, margin, np.maximum(coarse - value, 0.0) + np.minimum(_SURPLUS * -value, _MOST_SURPLUS), after)

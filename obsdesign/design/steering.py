@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
+import numpy as np
 
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.step import CACHED
@@ -20,6 +21,15 @@ class Inputs:
     bend: ca.Function
     rates: ca.Function
     is_linear: bool
+
+    @cached_property
+    def line(self) -> tuple[np.ndarray, np.ndarray]:
+        """Offset (N m,) and slope (N m, q) of inputs that are linear in their parameters."""
+        nowhere = np.zeros(self.value.size1_in(0))
+        found = self.value(nowhere).full().ravel(), self.slope(nowhere).full()
+        for each in found:
+            each.flags.writeable = False  # they are shared
+        return found
 
 
 @lru_cache(CACHED)
