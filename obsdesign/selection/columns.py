@@ -19,6 +19,7 @@ _IDLE = 12  # rounds after which a column without a share is dropped ...
 _FIRST_ROUNDS = 40
 _STALLED, _NARROWER = 15, 0.9  # rounds within which a gap is expected to fall by so much, where climbs have to end in time
 _SAMPLES = 64  # schedules whose even mixture stands for relaxed choices
+_RAISED = (1e-9, 1e-7)  # of what all sensors know of a state: what a solver can tell from nothing
 _KEPT = 60  # ... where there are more than so many
 
 
@@ -95,6 +96,25 @@ def seen_through(instance: Instance) -> Relaxed | None:
     plain = Judge(MinEigenvalue(), np.ones(instance.n), instance.judge.about)
     calm = replace(instance, judge=plain, switching=np.zeros_like(instance.switching))
     return relaxed(calm, 0.5, rounds=_FIRST_ROUNDS + 4 * instance.rows.shape[2])
+
+
+def raised(instance: Instance, gap: float) -> Relaxed | None:
+    """Return the relaxation for a criterion that is -inf for every mixture, as far as a solver can tell; None where it fails, too.
+
+    With d T more known, T the diagonal of all information and d small, the criterion is no smaller for any schedule: criterion(V) <=
+    criterion(V + d T) <= <V, Z> + (offset + d <T, Z>). So the duals bound the problem itself, loosely where what is known is far below d.
+    """
+    T = np.diagonal(instance.everything, axis1=1, axis2=2).max(axis=0)
+    for share in _RAISED:
+        more = share * np.diag(np.where(T > 0, T, 1.0))
+        found = relaxed(replace(instance, known=instance.known + more), gap)
+        if found is None:
+            continue
+        met = [(replace(dual, offset=dual.offset + float(np.sum(dual.Z * more))), bound) for dual, bound in found.met]
+        dual, bound = min(met, key=lambda each: each[1])
+        columns = [column_of(instance, column.chosen) for column in found.columns]
+        return Relaxed(columns, found.shares, -np.inf, dual, bound, found.rounds, met)
+    return None
 
 
 def mixture_of(instance: Instance, shares: np.ndarray, dual: Dual) -> Relaxed:

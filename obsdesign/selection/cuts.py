@@ -11,7 +11,7 @@ import numpy as np
 from obsdesign.selection.columns import Relaxed, closed
 from obsdesign.selection.instance import Instance, vectors
 from obsdesign.selection.polish import polished
-from obsdesign.selection.top import Top
+from obsdesign.selection.top import Top, top_of
 
 if TYPE_CHECKING:
     import highspy
@@ -133,8 +133,7 @@ class _Program:
         return _Answer(shares, float(bound) * self.unit * (1 + _widened(count)))
 
     def _pose(self, highs: highspy.Highs, least: float) -> None:
-        instance, schedules = self.instance, self.instance.schedules
-        assert isinstance(schedules, Top)
+        instance, schedules = self.instance, top_of(self.instance.schedules)
         K, S = instance.shape
         most = np.append(schedules.available.ravel().astype(float), 1.0 + _WIDENED)
         highs.addVars(K * S + 1, np.append(np.zeros(K * S), least), most)

@@ -9,7 +9,7 @@ from scipy import linalg
 
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance, matrices, vectors
-from obsdesign.selection.top import Top
+from obsdesign.selection.top import Top, top_of
 
 _SHRINK = 0.15  # of the barrier from one centre to the next
 _STEPS = 80
@@ -90,8 +90,7 @@ class _Point:
 
 
 def _problem_of(instance: Instance) -> _Problem:
-    schedules = instance.schedules
-    assert isinstance(schedules, Top)
+    schedules = top_of(instance.schedules)
     everything = np.diagonal(instance.everything[0])
     D = 1 / np.sqrt(np.where(everything > 0, everything, 1.0))
     rows = instance.rows * vectors(np.outer(D, D) * (1 + (1 / np.sqrt(2) - 1) * (1 - np.eye(instance.n))))

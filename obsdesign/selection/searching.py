@@ -19,7 +19,7 @@ from obsdesign.selection.walks import Walks, nearby, walks_of
 
 Method = Literal["auto", "columns", "direct"]
 
-_DUALS = 24  # the best of those met bound what is undecided
+DUALS = 24  # the best of those met bound what is undecided
 _FRONTS = 1000  # of the branch and bound that get duals of their own: half a minute or so
 _NEAR = (40, 100)  # undecided segments of the first searches
 _MANY_DIRECTIONS, _FEW_CHOICES = 80, 400
@@ -103,7 +103,7 @@ def incumbent(instance: Instance, found: Relaxed, whole: Undecided, wanted: Want
 
 def searched(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, clock: Clock) -> Answer:
     """Branch and bound among the schedules near the best one for the dual, which it often proves the best of these."""
-    duals = [dual for dual, _ in sorted(found.met, key=lambda each: each[1])[:_DUALS]]
+    duals = [dual for dual, _ in sorted(found.met, key=lambda each: each[1])[:DUALS]]
     for count in _NEAR:
         fronts, most = 0, min(2 * count, wanted.fronts // 4)
         while fronts < most and not clock.is_over() and not closed(answer.value, answer.bound, wanted.gap, instance):
@@ -126,7 +126,7 @@ def _better(instance: Instance, found: Relaxed, result: Explored) -> Answer:
 
 def proven(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, clock: Clock) -> Answer:
     """Branch and bound, anew after every better schedule."""
-    duals = sorted(found.met, key=lambda each: each[1])[:_DUALS]
+    duals = sorted(found.met, key=lambda each: each[1])[:DUALS]
     fronts = 0
     while not closed(answer.value, answer.bound, wanted.gap, instance):
         walks = walks_of(instance, duals, bar(answer.value, wanted.gap, instance))
@@ -154,7 +154,7 @@ def tried_all(instance: Instance, found: Relaxed, walks: Walks, answer: Answer, 
     """The best of all schedules that the duals leave in question."""
     if closed(answer.value, answer.bound, wanted.gap, instance):
         return answer
-    best = sorted(found.met, key=lambda each: each[1])[:_DUALS]
+    best = sorted(found.met, key=lambda each: each[1])[:DUALS]
     left = walks_of(instance, best, bar(answer.value, wanted.gap, instance))
     result = tried(instance, walks if left is None else left, [dual for dual, _ in best], (answer.chosen, answer.value), wanted.gap)
     return Answer(result.chosen, result.value, min(result.bound, found.bound), result.nodes)

@@ -15,8 +15,10 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
+from obsdesign.selection.best_first import finished
+from obsdesign.selection.best_first import serves as serves_best_first
 from obsdesign.selection.certifying import certified, failed, hidden_schedule, refused
-from obsdesign.selection.columns import Relaxed, closed, mixture_of, relaxed, seen_through
+from obsdesign.selection.columns import Relaxed, closed, mixture_of, raised, relaxed, seen_through
 from obsdesign.selection.cuts import cut, cuttable, note_of
 from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance
@@ -70,7 +72,8 @@ def select_sensors(
     method "auto": dual column generation, rounding and exchange, branch and bound, until the gap is closed or so much work is done
     (the same on every machine); "columns": without branch and bound; "direct": the relaxation by CVXPY and Clarabel in one piece,
     without branch and bound, a second opinion for small problems. time_limit [s] stops any of them with what it has; where branch and
-    bound would not be done by then, an integer program (HiGHS) goes on from a sixth of that time, and notes say whose bound it is.
+    bound would not be done by then, another kind of it goes on from a sixth of that time, or where a segment has many ways an integer
+    program (HiGHS), and notes say whose bound it is.
     Status OPTIMAL when gap is reached, else GAP_OPEN.
 
     Raises InputError for bad blocks and for rules that leave no choice, SolveError when no solver has an answer (throw=False: the
@@ -104,6 +107,8 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     if hidden.any():
         return hidden_schedule(instance, hidden, throw)
     found, notes = _relaxation(instance, wanted, first)
+    if found is None and not instance.criterion.is_smallest_eigenvalue:
+        found, notes = raised(instance, 1e-8), ()
     if found is None:
         if not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance):
             return refused(instance, throw)
@@ -115,10 +120,13 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     if wanted.method == "auto" and (listed := few(instance)) is not None:
         answer = tried_all(instance, found, listed, answer, wanted)
     elif wanted.method == "auto" and worth_searching(instance):
-        clock = replace(clock, finishes=wanted.time_limit is not None and cuttable(instance))
+        cuts = wanted.time_limit is not None and cuttable(instance)
+        clock = replace(clock, finishes=serves_best_first(instance) or cuts)
         answer = searched(instance, found, answer, wanted, clock)
         answer = proven(instance, found, answer, wanted, clock)
-        if clock.finishes and not closed(answer.value, answer.bound, wanted.gap, instance):
+        if serves_best_first(instance) and not closed(answer.value, answer.bound, wanted.gap, instance):
+            answer = finished(instance, found, answer, wanted, clock)
+        if cuts and not closed(answer.value, answer.bound, wanted.gap, instance):
             result = cut(instance, found, (answer.chosen, answer.value), wanted.gap, clock.left)
             notes = (*notes, note_of(result)) if result.bound < answer.bound else notes
             answer = Answer(result.chosen, result.value, min(answer.bound, result.bound), answer.nodes)

@@ -8,7 +8,7 @@ from math import comb
 
 import numpy as np
 
-from obsdesign.selection.feasible import AbstractSeparate, Changes
+from obsdesign.selection.feasible import AbstractSchedules, AbstractSeparate, Changes
 
 _MOST_OPTIONS = 3000  # patterns of one segment that are listed
 
@@ -80,3 +80,10 @@ class Top(AbstractSeparate):
         patterns[np.arange(len(segments)), leaves] = False
         patterns[np.arange(len(segments)), comes] = True
         return Changes(within[segments], patterns[:, :S])
+
+
+def top_of(schedules: AbstractSchedules) -> Top:
+    """Return schedules that are limited per segment alone, or raise TypeError for others, which a method that asks does not serve."""
+    if not isinstance(schedules, Top):
+        raise TypeError(f"schedules are {type(schedules).__name__}: must be limited by a number of sensors per segment alone, Top")
+    return schedules

@@ -119,10 +119,11 @@ def walks_of(instance: Instance, duals: list[tuple[Dual, float]], least: float) 
 
     Reduced-cost fixing: forcing a choice lowers UB(dual) by its regret; where that falls to `least`, no better schedule has it.
     """
+    if isinstance(instance.schedules, AbstractSeparate):
+        return _separate(instance, instance.schedules, duals, least)
     if isinstance(instance.schedules, Chain):
         return _linked(instance, instance.schedules, duals, least)
-    assert isinstance(instance.schedules, AbstractSeparate)
-    return _separate(instance, instance.schedules, duals, least)
+    raise TypeError(f"schedules are {type(instance.schedules).__name__}: must be separate segments or a chain of them")
 
 
 def nearby(instance: Instance, dual: Dual, bound: float, count: int, least: float) -> Walks | None:
