@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import obsdesign as od
+from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.design import recursion
 from obsdesign.design.caps import cap_of
 from obsdesign.design.limits import is_feasible, rows_of
@@ -300,6 +301,26 @@ def test_workers_find_the_same():
     assert np.array_equal(there.design.p, here.design.p)
 
 
+@pytest.mark.parametrize("criterion", [od.MinEigenvalue(), od.TraceInverse()], ids=["eigenvalue", "trace"])
+def test_what_is_known_counts_and_only_what_is_asked_for_is_judged(criterion: AbstractCriterion):
+    """By (S (known + W) S)^-1 of the samples one after the other: its block of x and y; no schedule of the path is better."""
+    known = np.diag([0.0, 0.0, 2.0])
+    joint = od.codesign(tiny(known=known, about=("x", "y"), criterion=criterion), 3, starts=1)
+    path = joint.design.trajectory
+    assert path is not None
+    blocks = od.variational_gramian(tiny().system, path).blocks.reshape(3, 10, 2, 3, 3).sum(axis=1)
+    values = {}
+    for picks in itertools.product((0, 1), repeat=3):
+        W = known + sum(blocks[k, s] for k, s in enumerate(picks))
+        C = np.linalg.inv(np.outer(TINY["scale"], TINY["scale"]) * W)[:2, :2]
+        values[picks] = 1 / np.linalg.eigvalsh(C)[-1] if isinstance(criterion, od.MinEigenvalue) else -np.trace(C)
+    own = values[tuple(joint.schedule.chosen.argmax(axis=1).tolist())]
+    assert (joint.value, joint.design.value, joint.schedule.value) == pytest.approx((own,) * 3, rel=1e-8)
+    assert max(values.values()) == pytest.approx(own, rel=1e-8)
+    assert joint.schedule.bound >= own
+    assert joint.objective >= max(joint.path_first.objective, joint.sensors_first.objective)
+
+
 # ---------------------------------------------------------------- refusals
 
 
@@ -308,8 +329,7 @@ def test_workers_find_the_same():
     [
         ({"duration": (40.0, 60.0)}, 3, "codesign: the duration is (40, 60): must be one number of seconds"),
         ({}, 7, "segments is 7: must divide the number of steps, 30"),
-        ({"about": ("x", "y")}, 3, "codesign: the problem has about"),
-        ({"known": np.eye(3)}, 3, "codesign: the problem has known"),
+        ({"robust": od.Robust(od.Prior(mean=(0, 0, 0), std=(1, 1, 0.1)), 2)}, 3, "codesign: the problem has robust"),
         ({"floor": od.Floor(20.0, 0.1)}, 3, "codesign: the problem has floor"),
         ({"weights": [[1.0, 0.0]]}, 3, "codesign: the problem has weights"),
         ({"criterion": od.Posterior(od.Prior(mean=(0, 0, 0), std=(1, 1, 1)))}, 3, "codesign: Posterior is not additive over sensors"),

@@ -44,8 +44,9 @@ def codesign(
     executor: Executor | None = None,
     throw: bool = True,
 ) -> Joint:
-    """max over paths p and schedules s of criterion(S (sum_ks s_ks W_ks(p)) S), at most per_segment sensors on in each of K segments.
+    """max over paths p and schedules s of criterion(S (known + sum_ks s_ks W_ks(p)) S), at most per_segment sensors on in each segment.
 
+    `known` and the states that are judged are the problem's.
     Both one-sided answers come first. From each, path and schedule are improved in turn; then from there, and from `starts` other
     paths, both climb together with weights s in [0, 1] and are rounded by the selection on the path so found; the best few are
     improved in turn again. The answer is the best of all, so never below a one-sided one; it is a local optimum.

@@ -22,8 +22,9 @@ from obsdesign.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """max criterion(sum_ks s_ks S W_ks(p) S) over paths p of a problem and schedules s (K, S) that keep the rules.
+    """max criterion(S (known + sum_ks s_ks W_ks(p)) S) over paths p of a problem and schedules s (K, S) that keep the rules.
 
+    Of the states that the problem judges, the others being found as well.
     Raises InputError for a problem that schedules cannot answer, and for counts that do not fit it.
     """
 
@@ -50,8 +51,8 @@ class Question:
     def _require_plain(self) -> None:
         """Raise InputError for what the selection of sensors does not know of."""
         problem = self.problem
-        given = {"about": problem.about, "floor": problem.floor, "robust": problem.robust}
-        for name, value in {**given, "known": np.any(problem.known), "weights": problem.weights is not None}.items():
+        given = {"floor": problem.floor, "robust": problem.robust, "weights": problem.weights is not None}
+        for name, value in given.items():
             if value:
                 raise InputError(f"codesign: the problem has {name}, which a selection of sensors does not know of: must be left out")
 
@@ -65,7 +66,9 @@ class Question:
 
     def selected(self, path: Trajectory, proven: bool = False) -> Schedule:
         """Return the best schedule found for a path; proven: with branch and bound, which is for the answer, not for the way to it."""
+        problem = self.problem
         options: dict[str, Any] = {"seed": self.seed, "throw": False, "method": "auto" if proven else "columns"}
+        options |= {"known": problem.scaled(np.asarray(problem.known)), "about": problem.judged_states.tolist()}
         if not isinstance(self.problem.criterion, MinEigenvalue):
             options["criterion"] = self.problem.criterion
         if self.rules:
@@ -88,8 +91,8 @@ class Question:
         return all(available is None or not (chosen & ~available).any() for available in known)
 
     def criterion(self, path: Trajectory, chosen: np.ndarray) -> float:
-        """Return the criterion of what a schedule sees along a path."""
-        return self.problem.criterion.value(information_of(self.blocks(path), chosen))
+        """Return the criterion of what is known and what a schedule sees along a path."""
+        return self.problem.rated(information_of(segment_information(self.problem.system, path, self.segments), chosen))
 
     def penalty(self, path: Trajectory, schedule: Schedule) -> float:
         """Return what switching takes off the value of a schedule selected on that path; on any other path it is the same."""

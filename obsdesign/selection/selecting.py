@@ -110,14 +110,11 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
     if found is None and not instance.criterion.is_smallest_eigenvalue:
         found, notes = raised(instance, 1e-8), ()
     if found is None:
-        if not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance):
-            return refused(instance, throw)
-        if throw:
-            raise SolveError("sensor selection", Status.NUMERICAL_ERROR)
-        return failed(instance)
+        return _unanswered(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance))
     whole = purified(instance, found)
     answer = incumbent(instance, found, whole, wanted, clock)
-    if wanted.method == "auto" and (listed := few(instance)) is not None:
+    listed = few(instance) if wanted.method == "auto" else None
+    if listed is not None:
         answer = tried_all(instance, found, listed, answer, wanted)
     elif wanted.method == "auto" and worth_searching(instance):
         cuts = wanted.time_limit is not None and cuttable(instance)
@@ -132,8 +129,17 @@ def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Want
             answer = Answer(result.chosen, result.value, min(answer.bound, result.bound), answer.nodes)
     _require_information(instance, rules, answer)
     if not np.isfinite(answer.value):
-        return refused(instance, throw)
+        return _unanswered(instance, throw, listed is not None or answer.bound == -np.inf or not _sees_everything(instance))
     return certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
+
+
+def _unanswered(instance: Instance, throw: bool, is_nothing: bool) -> Schedule:
+    """What is said without a schedule of finite value: that every one is -inf, or that none was found."""
+    if is_nothing:
+        return refused(instance, throw)
+    if throw:
+        raise SolveError("sensor selection", Status.NUMERICAL_ERROR)
+    return failed(instance)
 
 
 def _relaxation(instance: Instance, wanted: Wanted, first: tuple[Dual, ...]) -> tuple[Relaxed | None, tuple[str, ...]]:
