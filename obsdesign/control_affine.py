@@ -20,23 +20,28 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True, eq=False)
 class ControlAffineSystem(AbstractSystem):
-    """xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs, from CasADi SX expressions.
+    """A system of one's own, from CasADi SX expressions: xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs.
 
-    state: SX (n, 1) of symbols; names: n names; drift: SX (n, 1) or None; known, unknown: name -> SX (n, 1);
-    outputs: name -> scalar SX, each one a sensor; sigmas: name -> standard deviation (default 1);
-    angles: names of states and outputs that wrap.
     An output may bear the name of the state that it measures.
     Raises InputError for wrong shapes, repeated names, free symbols, outputs that do not depend on the state.
     """
 
     state: ca.SX
+    """Symbols (n, 1) of the states."""
     names: tuple[str, ...]
+    """Names of the n states."""
     drift: ca.SX | None = None
+    """How the state moves without inputs (n, 1), in the unit of the state per second; None = not at all."""
     known: Mapping[str, ca.SX] = field(default_factory=dict)
+    """Name of a known input -> the vector field (n, 1) that it multiplies."""
     unknown: Mapping[str, ca.SX] = field(default_factory=dict)
+    """Name of an unknown input (a disturbance) -> the vector field (n, 1) that it multiplies."""
     outputs: Mapping[str, ca.SX] = field(default_factory=dict)
+    """Name -> scalar expression of the state, each one a sensor."""
     sigmas: Mapping[str, float] = field(default_factory=dict)
+    """Name of an output -> standard deviation of one sample, in the output's unit; 1 where it is not named."""
     angles: tuple[str, ...] = ()
+    """Names of states and outputs that wrap to (-pi, pi] [rad]."""
 
     @classmethod
     def from_rate(  # noqa: PLR0917  # the fields of the record, in their order

@@ -25,14 +25,14 @@ _NODES, _LOOPS, _ARCS = 400, 2, 30.0
 
 @dataclass(frozen=True)
 class Curve:
-    """Arcs and straights in a row: to the left (L), straight (S), to the right (R).
-
-    word: a letter per part; lengths: theirs [m], as many; radius [m] of all arcs.
-    """
+    """Arcs of one radius and straights in a row."""
 
     word: str
+    """A letter per part: arc to the left (L), straight (S), arc to the right (R)."""
     lengths: tuple[float, ...]
+    """Length of each part [m]."""
     radius: float
+    """Radius of all arcs [m]."""
 
     @property
     def length(self) -> float:
@@ -83,9 +83,16 @@ def curves(start: Pose, end: Place, radius: float) -> tuple[Curve, ...]:
 
 
 def shortest_curve(start: Pose, end: Place, radius: float) -> Curve:
-    """Return the shortest curve from start to end whose radius of curvature [m] is nowhere below `radius`.
+    """Return the shortest curve between two poses that nowhere bends more sharply than a circle of a given radius.
 
-    start, end, errors and source as in `curves`: one of its words is shortest.
+    It is the shortest of the words LSL, LSR, LRL, RSR, RSL, RLR that lead there.
+
+    Arguments:
+        start: pose (x, y, heading) [m, m, rad].
+        end: pose (x, y, heading) [m, m, rad], or a point (x, y) [m] whose heading is free.
+        radius: least radius of curvature [m], > 0.
+    Raises InputError for what is no pose and for other radii.
+    Source: Dubins (1957); Shkel and Lumelsky (2001); free headings: Boissonnat and Bui (1994).
     """
     return min(curves(start, end, radius), key=lambda curve: curve.length)
 

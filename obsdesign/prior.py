@@ -16,13 +16,19 @@ from obsdesign.errors import InputError
 @validate_arguments
 @dataclass(frozen=True, eq=False, init=False)
 class Prior(AbstractDisplay):
-    """x(t_0) ~ N(mean, covariance): mean (n,), and either std (n,) > 0 or covariance (n, n), in the units of the states.
+    """What is known of the state before the first sample: x(t_0) ~ N(mean, covariance).
 
-    Raises InputError for a covariance that is not symmetric positive definite.
+    Arguments:
+        mean (n,): expected state, each in the unit of the state.
+        std (n,): standard deviation of each state, > 0, in the unit of the state; give this or the covariance.
+        covariance (n, n): symmetric positive definite, in the units of the states.
+    Raises InputError for other values, and unless one of std and covariance is given.
     """
 
     mean: np.ndarray
+    """Expected state (n,), in the units of the states."""
     covariance: np.ndarray
+    """Covariance (n, n) of its errors, in the units of the states."""
 
     def __init__(self, mean: ArrayLike, std: ArrayLike | None = None, covariance: ArrayLike | None = None) -> None:
         centre = as_array("prior: mean", mean)

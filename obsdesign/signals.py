@@ -9,8 +9,11 @@ Point = tuple[float, float]  # (x, y) [m]
 
 @dataclass(frozen=True)
 class Signal:
-    """A named scalar. `is_angle` tells filters and differences to wrap it to (-pi, pi]."""
+    """A named scalar: a state, an input or an output."""
 
     name: str
+    """What the files, tables and figures call it."""
     unit: str = ""
+    """Its unit, such as "m" or "rad/s"; "" = none."""
     is_angle: bool = False
+    """Whether filters and differences wrap it to (-pi, pi]."""

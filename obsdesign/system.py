@@ -26,20 +26,24 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class System(AbstractSystem):
-    """A ready-made vehicle with sensors.
+    """A ready-made vehicle with sensors: xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs of the sensors.
 
-    unknown_inputs names inputs of the vehicle that nobody knows, beside the vehicle's own disturbances.
-    Two sensors of one name are told apart by a number. joint_noise: names of two or more sensors -> R (q, q), the covariance of
-    their stacked outputs at one instant, in the order of the names; it takes the place of their own sigma, and inflation
-    multiplies it. At instants where some of them have a sample, those count with their part of R.
+    Two sensors of one name are told apart by a number.
     Raises InputError for unknown names, a sensor in two groups, an R that is no covariance of that size, and joint noise of a
     sensor whose noise is correlated in time or depends on the state.
     """
 
     vehicle: AbstractVehicle
+    """What moves: states, inputs and disturbances."""
     sensors: tuple[AbstractSensor, ...] = ()
+    """What measures, in the order in which blocks and schedules count them."""
     unknown_inputs: tuple[str, ...] = ()
+    """Names of inputs of the vehicle that nobody knows, beside the vehicle's own disturbances."""
     joint_noise: Mapping[tuple[str, ...], ArrayLike] = field(default_factory=dict)
+    """Names of two or more sensors -> R (q, q), the covariance of their stacked outputs at one instant, in the order of the names and the
+    units of the outputs. It takes the place of their own sigma, and inflation multiplies it. At instants where some of them have a
+    sample, those count with their part of R.
+    """
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))

@@ -23,18 +23,23 @@ TOLERANCE = 1e-6  # relative error that steps may have where nobody says another
 @validate_arguments
 @dataclass(frozen=True, eq=False)
 class Trajectory(AbstractDisplay):
-    """t (N+1,) [s], x (N+1, n), u (N, m), w (N, p): inputs u[k], known, and w[k], unknown, are held from t[k] to t[k+1].
+    """A path on a grid of N equal steps, inputs being held over each.
 
-    w is what really moved the path, as far as that is known: None where it is not, which counts as 0. tolerance: the relative error
-    that steps along the path may have, in state and sensitivity; what is made of the path is made of as many sub-steps as that takes.
     Raises InputError for shapes that do not fit, values that are not finite and steps that are not equal.
     """
 
     t: np.ndarray
+    """Instants (N+1,) [s], equally spaced."""
     x: np.ndarray
+    """States (N+1, n) at these instants, in the units of the states."""
     u: np.ndarray
+    """Known inputs (N, m), in their units: u[k] is held from t[k] to t[k+1]."""
     w: np.ndarray | None = None
+    """Unknown inputs (N, p) that really moved the path, held as u is, in their units; None where they are not known, which counts as 0."""
     tolerance: float = TOLERANCE
+    """Relative error that steps along the path may have, in state and sensitivity, in (0, 1): what is made of the path takes as many
+    sub-steps as that needs.
+    """
 
     def __post_init__(self) -> None:
         require_tolerance(self.tolerance)

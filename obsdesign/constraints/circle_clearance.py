@@ -15,18 +15,20 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class CircleClearance(AbstractConstraint):
-    """sqrt(f^2 + (time_scale df/dt)^2) >= clearance, f = |position - c| - r, c and r of the circle through three landmarks.
+    """The path neither follows nor stands on the circle through three landmarks, where bearings with unknown inputs tell too little.
 
-    The circle may be crossed, at a radial speed of clearance / time_scale or more, but neither followed nor stood on.
-    clearance [m] > 0; time_scale [s] > 0; landmarks: three points (x, y) [m], None = those that the sensors look at.
-    Raises InputError for other values and for points on one line. Rounded at c and where f = df/dt = 0, where it has derivatives;
-    at the latter they are 0: a solver that starts on a path along the circle gets no hint to which side to leave it.
-    Source: the singular set of Belo, Salaris and Bicchi 2010, section IV-B.
+    sqrt(f^2 + (time_scale df/dt)^2) >= clearance, f = |position - c| - r, c and r of the circle. It may be crossed, at a radial speed of
+    clearance / time_scale or more. Rounded at c and where f = df/dt = 0, where it has derivatives; at the latter they are 0: a solver that
+    starts on a path along the circle gets no hint to which side to leave it.
+    Raises InputError for other values and for points on one line. Source: the singular set of Belo, Salaris and Bicchi 2010, section IV-B.
     """
 
     clearance: float
+    """The least of the left side [m], > 0."""
     time_scale: float
+    """How much a radial speed counts as distance [s], > 0."""
     landmarks: tuple[Point, ...] | None = None
+    """Three points (x, y) [m]; None = those that the sensors look at."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "clearance", as_size("circle_clearance: clearance", self.clearance))

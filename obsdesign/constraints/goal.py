@@ -15,13 +15,16 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class Goal(AbstractConstraint):
-    """|position(t_N) - point| <= tolerance; point (x, y) [m], tolerance [m] > 0. Raises InputError for other values.
+    """The path ends near a point: |position(t_N) - point| <= tolerance.
 
     margin = 1 - |position - point| / tolerance, rounded within 0.001 tolerance of the point, where it has a derivative.
+    Raises InputError for other values.
     """
 
     point: Point
+    """Where the path is to end (x, y) [m]."""
     tolerance: float
+    """How far from the point it may end [m], > 0."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", as_pair("goal: point", self.point))

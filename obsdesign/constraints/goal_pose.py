@@ -15,18 +15,22 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class GoalPose(AbstractConstraint):
-    """|position(t_N) - point| <= tolerance and |heading(t_N) - heading| <= heading_tolerance, the latter to whole turns.
+    """The path ends near a point with a given heading.
 
-    point (x, y) [m], heading [rad], tolerance [m] > 0, heading_tolerance [rad] in (0, pi). Raises InputError for other values.
+    |position(t_N) - point| <= tolerance and |heading(t_N) - heading| <= heading_tolerance, the latter to whole turns.
     Two margins: 1 - |position - point| / tolerance, and with c(a) = 2 |sin(a / 2)|, T = heading_tolerance,
     (c(T) - c(heading error)) / (T cos(T / 2)), whose slope at the edge is 1 / T; each is rounded within 0.001 of its tolerance of
-    the aim. A margin of 1 is worth one tolerance, of position [m] or of heading [rad].
+    the aim. A margin of 1 is worth one tolerance, of position [m] or of heading [rad]. Raises InputError for other values.
     """
 
     point: Point
+    """Where the path is to end (x, y) [m]."""
     heading: float
+    """Which way the vehicle is to look there [rad]."""
     tolerance: float
+    """How far from the point it may end [m], > 0."""
     heading_tolerance: float
+    """How far from the heading it may end [rad], in (0, pi)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", as_pair("goal_pose: point", self.point))

@@ -14,14 +14,16 @@ from obsdesign.errors import InputError
 @validate_arguments
 @dataclass(frozen=True)
 class GroundSpeed(AbstractConstraint):
-    """least <= |(dx/dt, dy/dt)| <= most, wind and current included; least, most [m/s] > 0, None = no limit, not both.
+    """The speed over ground stays within limits: least <= |(dx/dt, dy/dt)| <= most, wind and current included.
 
     One margin per limit, (speed - least) / size and (most - speed) / size, with size = (most - least) / 2, or the one limit; rounded
     where the speed is below 0.001 of the limit, so that it has a derivative at rest. Raises InputError for other values.
     """
 
     least: float | None = None
+    """Lower limit [m/s], > 0; None = no limit, not for both."""
     most: float | None = None
+    """Upper limit [m/s], > 0; None = no limit."""
 
     def __post_init__(self) -> None:
         for name, value in (("least", self.least), ("most", self.most)):

@@ -15,18 +15,21 @@ from obsdesign.errors import InputError
 @validate_arguments
 @dataclass(frozen=True)
 class HeadingSector(AbstractConstraint):
-    """low <= heading(t) <= high, to whole turns, at every instant t of [first, last]; the sector runs counter-clockwise from low to high.
+    """The vehicle looks into a sector for a stretch of time: low <= heading(t) <= high, to whole turns.
 
-    low, high [rad], less than a turn apart: (6.0, 0.5) spans 0.78 rad across the direction of x. 0 <= first <= last [s], last None =
-    the end of the path. Raises InputError for other values.
+    The sector runs counter-clockwise from low to high: (6.0, 0.5) spans 0.78 rad across the direction of x.
     With T half the width, a the angle from the middle and c(a) = 2 |sin(a / 2)|: margin = (c(T) - c(a)) / (T cos(T / 2)), whose slope
-    at the edges is 1 / T; rounded within 0.001 T of the middle, where it has a derivative.
+    at the edges is 1 / T; rounded within 0.001 T of the middle, where it has a derivative. Raises InputError for other values.
     """
 
     low: float
+    """Where the sector begins [rad]."""
     high: float
+    """Where it ends [rad], less than a turn further."""
     first: float = 0.0
+    """From when on it counts [s], >= 0."""
     last: float | None = None
+    """Until when it counts [s], >= first; None = to the end of the path."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "low", as_angle("heading_sector: low", self.low))

@@ -15,12 +15,13 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class KeepIn(AbstractConstraint):
-    """n_i . position <= b_i for every edge i of a convex polygon; corners (m, 2) [m], in either sense, kept counter-clockwise.
+    """The path stays inside a convex polygon: n_i . position <= b_i for every edge i.
 
     One margin per edge: the distance inside its line divided by 2 area / perimeter. Raises InputError for corners of no convex area.
     """
 
     corners: tuple[Point, ...]
+    """Corners (m, 2) [m] of the polygon, in either sense, kept counter-clockwise."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "corners", convex_corners("keep_in: corners", self.corners))

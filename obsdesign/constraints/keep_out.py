@@ -15,13 +15,16 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class KeepOut(AbstractConstraint):
-    """|position - centre| >= radius; centre (x, y) [m], radius [m] > 0. Raises InputError for other values.
+    """The path stays outside a circle: |position - centre| >= radius.
 
     margin = |position - centre| / radius - 1, rounded within 0.001 radius of the centre, where it has a derivative.
+    Raises InputError for other values.
     """
 
     centre: Point
+    """Middle of the circle (x, y) [m]."""
     radius: float
+    """Radius of the circle [m], > 0."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", as_pair("keep_out: centre", self.centre))

@@ -15,7 +15,7 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class KeepOutPolygon(AbstractConstraint):
-    """max_i (n_i . position - b_i) >= 0 over the m edges of a convex polygon; corners (m, 2) [m], in either sense.
+    """The path stays outside a convex polygon: max_i (n_i . position - b_i) >= 0 over its m edges.
 
     margin = (e log(sum_i exp(s_i / e)) - e log m) / size, with the distances s_i = n_i . position - b_i of the edges' lines,
     size = 2 area / perimeter and e = 0.02 size. It is a smooth maximum, at the price of `widening` = e log m metres: nothing inside
@@ -24,6 +24,7 @@ class KeepOutPolygon(AbstractConstraint):
     """
 
     corners: tuple[Point, ...]
+    """Corners (m, 2) [m] of the polygon, in either sense."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "corners", convex_corners("keep_out_polygon: corners", self.corners))

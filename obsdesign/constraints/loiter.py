@@ -15,16 +15,20 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class Loiter(AbstractConstraint):
-    """|position(t) - centre| <= radius at every instant t of [first, last].
+    """The vehicle stays inside a circle for a stretch of time: |position(t) - centre| <= radius at every t from first to last.
 
-    centre (x, y) [m], radius [m] > 0, 0 <= first <= last [s], last None = the end of the path. Raises InputError for other values.
     margin = 1 - |position - centre| / radius, rounded within 0.001 radius of the centre, where it has a derivative.
+    Raises InputError for other values.
     """
 
     centre: Point
+    """Middle of the circle (x, y) [m]."""
     radius: float
+    """Radius of the circle [m], > 0."""
     first: float
+    """From when on it counts [s], >= 0."""
     last: float | None = None
+    """Until when it counts [s], >= first; None = to the end of the path."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", as_pair("loiter: centre", self.centre))

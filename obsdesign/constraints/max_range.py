@@ -14,14 +14,16 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class MaxRange(AbstractConstraint):
-    """|position - landmark| <= distance for every landmark; distance [m] > 0. Raises InputError for other values.
+    """The vehicle stays within range of every landmark: |position - landmark| <= distance.
 
-    landmarks (k, 2) [m]; None = those that the sensors look at. One margin per landmark, 1 - |position - landmark| / distance,
-    rounded within 0.001 distance of the landmark, where it has a derivative.
+    One margin per landmark, 1 - |position - landmark| / distance, rounded within 0.001 distance of the landmark, where it has a
+    derivative. Raises InputError for other values.
     """
 
     distance: float
+    """The largest distance [m], > 0."""
     landmarks: tuple[Point, ...] | None = None
+    """Points (k, 2) [m]; None = those that the sensors look at."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "distance", as_size("max_range: distance", self.distance))

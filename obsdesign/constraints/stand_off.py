@@ -14,14 +14,16 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class StandOff(AbstractConstraint):
-    """|position - landmark| >= distance for every landmark; distance [m] > 0. Raises InputError for other values.
+    """The vehicle keeps its distance from every landmark: |position - landmark| >= distance.
 
-    landmarks (k, 2) [m]; None = those that the sensors look at. One margin per landmark, |position - landmark| / distance - 1,
-    rounded within 0.001 distance of the landmark, where it has a derivative.
+    One margin per landmark, |position - landmark| / distance - 1, rounded within 0.001 distance of the landmark, where it has a
+    derivative. Raises InputError for other values.
     """
 
     distance: float
+    """The least distance [m], > 0."""
     landmarks: tuple[Point, ...] | None = None
+    """Points (k, 2) [m]; None = those that the sensors look at."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "distance", as_size("stand_off: distance", self.distance))

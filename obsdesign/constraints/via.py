@@ -15,16 +15,20 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class Via(AbstractConstraint):
-    """|position(t) - point| <= tolerance at one instant t of [first, last].
+    """The path passes a point: |position(t) - point| <= tolerance at one instant t from first to last.
 
-    point (x, y) [m], tolerance [m] > 0, 0 <= first <= last [s], last None = the end of the path. Raises InputError for other values.
     margin = 1 - |position - point| / tolerance, rounded within 0.001 tolerance of the point, where it has a derivative.
+    Raises InputError for other values.
     """
 
     point: Point
+    """Where the path is to pass (x, y) [m]."""
     tolerance: float
+    """How near it has to come [m], > 0."""
     first: float = 0.0
+    """The earliest instant that counts [s], >= 0."""
     last: float | None = None
+    """The latest one [s], >= first; None = the end of the path."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "point", as_pair("via: point", self.point))

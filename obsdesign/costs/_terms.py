@@ -13,10 +13,15 @@ from obsdesign.errors import InputError
 @validate_arguments
 @dataclass(frozen=True)
 class Budget:
-    """cost <= at_most, in the cost's unit, > 0. Raises InputError for other values."""
+    """A limit on what a path may use up: cost <= at_most.
+
+    Raises InputError for other values.
+    """
 
     cost: AbstractCost
+    """What is counted, such as PathLength()."""
     at_most: float
+    """The largest sum that is accepted, > 0, in the cost's unit."""
 
     def __post_init__(self) -> None:
         _require_cost("budget: cost", self.cost)
@@ -27,10 +32,15 @@ class Budget:
 @validate_arguments
 @dataclass(frozen=True)
 class Price:
-    """The criterion loses per_unit, in its own unit, > 0, for every unit of the cost. Raises InputError for other values."""
+    """What a path pays for what it uses up: the design maximises criterion - per_unit * cost.
+
+    Raises InputError for other values.
+    """
 
     cost: AbstractCost
+    """What is counted, such as Effort({"turn_rate": 1.0})."""
     per_unit: float
+    """What the criterion loses, in its own unit, for every unit of the cost; > 0."""
 
     def __post_init__(self) -> None:
         _require_cost("price: cost", self.cost)

@@ -14,13 +14,13 @@ from obsdesign.moment import Coordinate, Moment
 
 @dataclass(frozen=True)
 class Effort(AbstractCost):
-    """rate = sum_i weight_i u_i^2 over the named inputs; the sum has no unit.
+    """How hard the inputs work: the integral over time of sum_i weight_i u_i^2, without a unit.
 
-    weights: input name -> weight > 0 [1 / (unit of the input^2 s)], as a mapping or as pairs; kept as pairs sorted by name.
     Raises InputError for other values and, when used, for an input that the vehicle does not have.
     """
 
     weights: tuple[tuple[str, float], ...]
+    """Input name -> weight > 0 [1 / (unit of the input^2 s)], as a mapping or as pairs; kept as pairs sorted by name."""
 
     def __post_init__(self) -> None:
         pairs = _pairs(self.weights)

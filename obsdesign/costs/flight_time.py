@@ -10,7 +10,7 @@ from obsdesign.moment import Coordinate, Moment
 
 @dataclass(frozen=True)
 class FlightTime(AbstractCost):
-    """rate = 1 at every instant; the sum is the duration [s]."""
+    """How long the path takes: the integral of 1 over time, the duration [s]."""
 
     def __str__(self) -> str:
         return "flight time"

@@ -12,7 +12,7 @@ _SOFT = 1e-6  # [m/s]
 
 @dataclass(frozen=True)
 class PathLength(AbstractCost):
-    """rate = sqrt((dx/dt)^2 + (dy/dt)^2 + s^2); the sum is the length over ground [m].
+    """How long the path is over ground: the integral over time of sqrt((dx/dt)^2 + (dy/dt)^2 + s^2) [m].
 
     s = 1e-6 m/s gives it a derivative at rest; it is too long by at most s per second, at 1 mm/s by 5e-7 of the length.
     """

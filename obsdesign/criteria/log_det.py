@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class LogDet(AbstractCriterion):
     """log det W: minus twice the log volume of the confidence ellipsoid, up to a constant.
 
-    Slope W^-1.
+    Slope d log det W / dW = W^-1; -inf where W is singular. Called D-optimality in the design of experiments.
     """
 
     @property

@@ -20,7 +20,8 @@ _TIE = 1e-12  # eigenvalues nearer than this share of the largest are one
 class MinEigenvalue(AbstractCriterion):
     """lambda_min(W): information about the direction known least; 0 where that is round-off of what was added.
 
-    In a design: max t subject to W - t I >= 0, without a slope where eigenvalues coincide.
+    In a design: max t subject to W - t I >= 0, without a slope where eigenvalues coincide. Called E-optimality in the design of
+    experiments. Source: Brace and Morgansen, who maximise it.
     """
 
     @property

@@ -20,18 +20,22 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class Posterior(AbstractCriterion):
-    """Another criterion of J, the posterior information about x(t_N-1) after its samples, in the place of W about x(t_0).
+    """Another criterion, of what is known at the end of the path instead of at its start.
 
-    Not about x(t_N): an unknown input has by then moved the state anywhere. J is that of `posterior_information` with the prior
-    of x(t_0), disturbance_psd None, (n,) or (n, n) [unit^2/s] and unknown inputs by name. It is not additive over sensors and
-    steps: no schedule is optimal for it. With unknown inputs, sensors should have samples at t_N-1: along what only earlier samples
-    show, nothing is known any more.
+    It judges J, the posterior information about x(t_N-1) after its samples, that `posterior_information` returns, in the place of W about
+    x(t_0). Not about x(t_N): an unknown input has by then moved the state anywhere. It is not additive over sensors and steps: no
+    schedule is optimal for it. With unknown inputs, sensors should have samples at t_N-1: along what only earlier samples show, nothing
+    is known any more. Source of J: Tichavsky, Muravchik, Nehorai (1998).
     """
 
     prior: Prior
+    """What is known of x(t_0) before the first sample."""
     disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | None = None
+    """Power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none."""
     unknown_inputs: tuple[str, ...] = ()
+    """Names of the inputs of which nothing is known."""
     criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
+    """What is asked of J (n, n), scaled as W is."""
 
     def __post_init__(self) -> None:
         if self.disturbance_psd is not None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class TraceInverse(AbstractCriterion):
     """-tr W^-1: minus the sum of the Cramer-Rao variances.
 
-    Slope W^-2.
+    Slope d(-tr W^-1) / dW = W^-2; -inf where W is singular. Called A-optimality in the design of experiments.
     """
 
     @property

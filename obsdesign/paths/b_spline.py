@@ -20,16 +20,18 @@ _COARSE = 12  # points that are few
 
 @dataclass(frozen=True)
 class BSpline(AbstractPath):
-    """u_k = mean over step k of sum_j p_j B_j(t), the clamped B-spline of each input over uniform knots: u = M p.
+    """Inputs that are smooth curves: of each input the clamped B-spline over uniform knots, u = M p.
 
-    B_j >= 0 and sum_j B_j = 1, so u stays between the smallest and the largest control point. The mean, not the value in the middle:
-    integrals of the inputs, such as the heading, are those of the splines at every node. p (points m,): the control points of the
-    first input, then those of the second, ... Raises InputError unless degree >= 1 and degree < points <= N.
-    Source: de Boor (1978).
+    u_k = mean over step k of sum_j p_j B_j(t). B_j >= 0 and sum_j B_j = 1, so u stays between the smallest and the largest control
+    point. The mean, not the value in the middle: integrals of the inputs, such as the heading, are those of the splines at every node.
+    Parameters p (points m,), in the inputs' units: the control points of the first input, then those of the second, ...
+    Raises InputError unless degree >= 1 and degree < points <= N. Source: de Boor (1978).
     """
 
     points: int
+    """Number of control points of each input; more of them allow sharper changes."""
     degree: int = 3
+    """Degree of the polynomials between two knots: 1 = straight pieces, 3 = cubic ones."""
 
     def __post_init__(self) -> None:
         require_count("degree", self.degree)

@@ -22,18 +22,20 @@ _TURN = "turn_rate"
 @validate_arguments
 @dataclass(frozen=True)
 class DubinsPath(AbstractPath):
-    """turn_rate(t) = v_1 + sum_i (v_i+1 - v_i) S((t - s_i) / tau), u_k its mean over step k; every other input is constant.
+    """Arcs at the turn limit and straights in a given order, smoothed so that their durations can be optimised.
 
-    word: letters L, S, R, no two equal ones in a row; v_i: the upper bound of turn_rate on L, the lower one on R, 0 on S. s_i: sum
-    of the durations d_1 ... d_i >= 0 [s] of the arcs before; the last arc lasts to the end, and what is due after the end does not
-    happen. S(z) = 1 / (1 + exp(-z)), tau = blend / 4: a switch at its greatest slope would take `blend` seconds.
-    p: d (letters - 1,), each in [0, N step], then the other inputs in their order.
+    turn_rate(t) = v_1 + sum_i (v_i+1 - v_i) S((t - s_i) / tau), u_k its mean over step k; every other input is constant.
+    v_i: the upper bound of turn_rate on L, the lower one on R, 0 on S. s_i: sum of the durations d_1 ... d_i >= 0 [s] of the arcs
+    before; the last arc lasts to the end, and what is due after the end does not happen. S(z) = 1 / (1 + exp(-z)), tau = blend / 4.
+    Parameters p: d (letters - 1,), each in [0, N step], then the other inputs in their order.
     As s_i <= s_i+1, turn_rate(t) = sum_i v_i w_i with w_i = S((t - s_i-1) / tau) - S((t - s_i) / tau) >= 0 of sum 1: within bounds.
-    Raises InputError for other words, a blend [s] that is not above 0, no input turn_rate, or one that cannot turn to both sides.
+    Raises InputError for other values, no input turn_rate, or one that cannot turn to both sides. Source of the words: Dubins (1957).
     """
 
     word: str
+    """Letters L (left), S (straight), R (right), no two equal ones in a row."""
     blend: float
+    """Time [s], > 0, that a switch from one arc to the next would take at its greatest slope."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.word, str) or not self.word or set(self.word) - set("LSR") or any(a == b for a, b in pairwise(self.word)):

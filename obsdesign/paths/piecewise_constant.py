@@ -18,13 +18,16 @@ _COARSE = 12  # pieces that are few
 
 @dataclass(frozen=True)
 class PiecewiseConstant(AbstractPath):
-    """u_k = p_j for every step k of piece j: from round(j N / pieces) on, so that lengths differ by one step at most.
+    """Inputs that are held over pieces of equal length: u_k = p_j for every step k of piece j.
 
-    p (pieces m,): the pieces of the first input, then those of the second, ... Raises InputError for pieces that are no count, and
-    for more pieces than steps. Rates are the slopes between the middles of neighbouring pieces: the inputs themselves jump.
+    Piece j lasts from round(j N / pieces) on, so that lengths differ by one step at most.
+    Parameters p (pieces m,), in the inputs' units: the pieces of the first input, then those of the second, ...
+    Rates are the slopes between the middles of neighbouring pieces: the inputs themselves jump.
+    Raises InputError for pieces that are no count, and for more pieces than steps.
     """
 
     pieces: int
+    """Number of pieces of each input."""
 
     def __post_init__(self) -> None:
         require_count("pieces", self.pieces)

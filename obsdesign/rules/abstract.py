@@ -16,15 +16,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """What rules know of the segments: the names of the S sensors; t (K+1,) [s], where segments begin and end; positions [m] in each.
-
-    t and tracks, K arrays (., 2), are None where no path is known: rules that need them then raise InputError.
-    """
+    """What rules know of the K segments and S sensors of a schedule."""
 
     names: tuple[str, ...]
+    """Names of the S sensors, by which rules may speak of them."""
     count: int
+    """Number K of segments."""
     t: np.ndarray | None = None
+    """Where segments begin and end (K+1,) [s]; None = not known: rules that need it then raise InputError."""
     tracks: tuple[np.ndarray, ...] | None = None
+    """Positions (., 2) [m] in each segment, K arrays; None = not known: rules that need them then raise InputError."""
 
     def sensor(self, rule: object, sensor: str | int) -> int:
         """Return the index of a sensor given by name or index, or raise InputError."""

@@ -13,15 +13,18 @@ from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms, ea
 @validate_arguments
 @dataclass(frozen=True)
 class EnergyBudget(AbstractRule):
-    """sum_k sum_s cost_s on_ks + sum of start_s over every switching-on <= limit, in any unit.
+    """What being on and switching on may take in all is limited.
 
-    cost: per segment that a sensor is on; start: each time it is switched on, also in the first segment. Both one number for every
-    sensor, or a table by sensor (0 for those it leaves out). Raises InputError for numbers that are negative or not finite.
+    sum_k sum_s cost_s on_ks + sum of start_s over every switching-on <= limit.
+    Raises InputError for numbers that are negative or not finite.
     """
 
     limit: float
+    """The most that may be spent, in any unit, the same one for all three."""
     cost: float | dict[Sensor, float]
+    """Per segment that a sensor is on: one number for every sensor, or a table by sensor (0 for those it leaves out)."""
     start: float | dict[Sensor, float] = 0.0
+    """Each time a sensor is switched on, also in the first segment, in the limit's unit: one number, or a table by sensor."""
 
     def __post_init__(self) -> None:
         require_within("energy_budget: limit", self.limit)

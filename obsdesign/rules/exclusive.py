@@ -16,9 +16,13 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class Exclusive(AbstractRule):
-    """At most one of these sensors is on in a segment. Raises InputError for fewer than two sensors."""
+    """At most one of these sensors is on in a segment.
+
+    Raises InputError for fewer than two sensors.
+    """
 
     sensors: tuple[Sensor, ...]
+    """Names or indices of two or more sensors."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", as_sensors("exclusive: sensors", self.sensors, least=2))

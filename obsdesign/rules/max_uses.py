@@ -11,10 +11,15 @@ from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms
 
 @dataclass(frozen=True)
 class MaxUses(AbstractRule):
-    """A sensor is on in at most so many segments. Raises InputError unless most is a whole number of at least 0."""
+    """A sensor is on in at most so many segments.
+
+    Raises InputError unless most is a whole number of at least 0.
+    """
 
     sensor: Sensor
+    """Name or index of the sensor."""
     most: int
+    """The largest number of segments in which it is on."""
 
     def __post_init__(self) -> None:
         require_count("max_uses: most", self.most, least=0)

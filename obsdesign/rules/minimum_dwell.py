@@ -15,11 +15,13 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 class MinimumDwell(AbstractRule):
     """A sensor that is switched on stays on for at least so many segments, or to the end of the path.
 
-    sensors: by name or index; None = each of them. Raises InputError unless least is a whole number of at least 1.
+    Raises InputError unless least is a whole number of at least 1.
     """
 
     least: int
+    """The smallest number of segments in a row."""
     sensors: tuple[Sensor, ...] | None = None
+    """Names or indices of the sensors that the rule is for; None = each of them."""
 
     def __post_init__(self) -> None:
         require_count("minimum_dwell: least", self.least)

@@ -17,10 +17,15 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class Requires(AbstractRule):
-    """A sensor is on only in segments in which the other is on too. Raises InputError where both are the same."""
+    """A sensor is on only in segments in which the other is on too.
+
+    Raises InputError where both are the same.
+    """
 
     sensor: Sensor
+    """Name or index of the sensor that needs the other."""
     other: Sensor
+    """Name or index of the sensor that it needs."""
 
     def __post_init__(self) -> None:
         if self.sensor == self.other:

@@ -12,13 +12,14 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms, each
 @validate_arguments
 @dataclass(frozen=True)
 class SwitchingCost(AbstractRule):
-    """Each switching-on of a sensor takes `cost` off the value of the schedule, in the criterion's unit.
+    """Each switching-on of a sensor takes `cost` off the value of the schedule.
 
-    One number for every sensor, or a table by sensor. All sensors are off before the first segment: being on there counts. What
-    starting costs out of a budget is EnergyBudget's `start`. Raises InputError for numbers that are negative or not finite.
+    All sensors are off before the first segment: being on there counts. What starting costs out of a budget is EnergyBudget's `start`.
+    Raises InputError for numbers that are negative or not finite.
     """
 
     cost: float | dict[Sensor, float]
+    """In the criterion's unit: one number for every sensor, or a table by sensor."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cost", as_numbers("switching_cost: cost", self.cost))

@@ -13,10 +13,15 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 @validate_arguments
 @dataclass(frozen=True)
 class Unavailable(AbstractRule):
-    """A sensor is off in these segments, counted from 0. Raises InputError where the path has no such segment."""
+    """A sensor is off in these segments.
+
+    Raises InputError where the path has no such segment.
+    """
 
     sensor: Sensor
+    """Name or index of the sensor."""
     segments: tuple[int, ...]
+    """Indices of the segments, counted from 0."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "segments", tuple(self.segments))

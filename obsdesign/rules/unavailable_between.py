@@ -14,11 +14,17 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 @validate_arguments
 @dataclass(frozen=True)
 class UnavailableBetween(AbstractRule):
-    """A sensor is off in every segment that shares time with first..last [s]. Raises InputError unless 0 <= first < last."""
+    """A sensor is off in every segment that shares time with the stretch from first to last.
+
+    Raises InputError unless 0 <= first < last.
+    """
 
     sensor: Sensor
+    """Name or index of the sensor."""
     first: float
+    """Beginning of the stretch [s]."""
     last: float
+    """End of the stretch [s]."""
 
     def __post_init__(self) -> None:
         require_within("unavailable_between: first", self.first)

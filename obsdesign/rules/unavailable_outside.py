@@ -15,11 +15,17 @@ from obsdesign.signals import Point
 @validate_arguments
 @dataclass(frozen=True)
 class UnavailableOutside(AbstractRule):
-    """A sensor is off in every segment that leaves the circle about centre (x, y) [m] with radius [m] > 0."""
+    """A sensor is off in every segment that leaves a circle.
+
+    Raises InputError for other values, and where no path is known.
+    """
 
     sensor: Sensor
+    """Name or index of the sensor."""
     centre: Point
+    """Middle of the circle (x, y) [m]."""
     radius: float
+    """Radius of the circle [m], > 0."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "centre", as_pair("unavailable_outside: centre", self.centre))

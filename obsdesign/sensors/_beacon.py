@@ -22,19 +22,23 @@ _CLOSED = 15.0  # how far outside a gate counts as closed for good, at 1e-130: i
 
 @dataclass(frozen=True)
 class AbstractBeaconSensor(AbstractSensor, ABC):
-    """A sensor that looks at a beacon (x, y) [m] at the distance r.
+    """A sensor that looks at a beacon at the distance r.
 
     spread = sqrt(sigma^2 + (sigma_per_metre r)^2). A sample arrives with the share g = g_range g_view, smooth so that it can be
     differentiated: g_range = 1 / (1 + exp((r / max_range - 1) / 0.05)), and with b the beacon's angle off the nose
-    g_view = 1 / (1 + exp((cos(field_of_view / 2) - cos b) / 0.05)). max_range [m] and field_of_view [rad], the whole angle in
-    (0, 2 pi), None = no limit. Raises InputError for values outside these ranges.
+    g_view = 1 / (1 + exp((cos(field_of_view / 2) - cos b) / 0.05)). Raises InputError for values outside the ranges below.
     """
 
     beacon: Point
+    """Where the beacon stands (x, y) [m]."""
     sigma: float
+    """Standard deviation of one sample at r = 0, in the output's unit ([m] or [rad]); > 0."""
     sigma_per_metre: float = field(default=0.0, kw_only=True)
+    """How the standard deviation grows with the distance, in the output's unit per metre; >= 0."""
     max_range: float | None = field(default=None, kw_only=True)
+    """Distance beyond which samples fail to arrive [m], > 0; None = no limit."""
     field_of_view: float | None = field(default=None, kw_only=True)
+    """Whole angle about the nose outside of which samples fail to arrive [rad], in (0, 2 pi); None = no limit."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

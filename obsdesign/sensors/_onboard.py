@@ -16,9 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class AbstractOnboard(AbstractSensor, ABC):
-    """A sensor that reads the same everywhere; sigma: standard deviation of one sample of each output, in its unit."""
+    """A sensor that reads the same everywhere."""
 
     sigma: float
+    """Standard deviation of one sample of each output, in its unit ([m] for positions, [rad] for angles); > 0."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

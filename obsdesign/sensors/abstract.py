@@ -18,20 +18,23 @@ if TYPE_CHECKING:
 class AbstractSensor(ABC):
     """A sensor of one or more outputs. Leaves are final frozen dataclasses, one file each.
 
-    name: what reports call it; rate [Hz]: samples per second, None = every step. inflation: what filters and information multiply the
-    spread by, for what the model leaves out. bias_floor: standard deviation of a constant error of each output, in its unit.
-    correlation c: of the noise of successive samples, in [0, 1). The errors of samples j and k of an output have the covariance
+    The errors of samples j and k of an output have the covariance
 
-        R_jk = inflation^2 spread_j spread_k c^|j - k| + bias_floor^2.
+        R_jk = inflation^2 spread_j spread_k correlation^|j - k| + bias_floor^2.
 
-    Raises InputError for values outside these ranges.
+    Raises InputError for values outside the ranges below.
     """
 
     rate: float | None = None
+    """Samples per second [Hz]; None = one every step."""
     inflation: float = 1.0
+    """What filters and information multiply the spread by, for what the model leaves out; > 0."""
     bias_floor: float = 0.0
+    """Standard deviation of a constant error of each output, in its unit; >= 0."""
     correlation: float = 0.0
+    """Correlation of the noise of successive samples, in [0, 1)."""
     name: str = "sensor"
+    """What reports, schedules and rules call the sensor."""
 
     def __post_init__(self) -> None:
         if self.rate is not None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
 class Bearing(AbstractBeaconSensor):
-    """h = atan2(beacon - position) - heading, counter-clockwise, wrapped; sigma [rad], beacon (x, y) [m].
+    """Direction to a beacon, off the nose: h = atan2(beacon - position) - heading [rad], counter-clockwise, wrapped.
 
     Source: Brace and Morgansen, Table I, which has the direction from beacon to vehicle: the same information.
     """

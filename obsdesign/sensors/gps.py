@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
 class GPS(AbstractOnboard):
-    """h = (x, y); sigma [m] of each coordinate. Source: Brace and Morgansen, Table I."""
+    """Position in the plane: h = (x, y) [m].
+
+    Source: Brace and Morgansen, Table I.
+    """
 
     name: str = "gps"
 

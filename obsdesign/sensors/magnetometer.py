@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
 class Magnetometer(AbstractOnboard):
-    """h = heading; sigma [rad]. Source: Brace and Morgansen, Table I."""
+    """Compass: h = heading [rad].
+
+    Source: Brace and Morgansen, Table I.
+    """
 
     name: str = "magnetometer"
 

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
 class Range(AbstractBeaconSensor):
-    """h = |beacon - position|; sigma [m], beacon (x, y) [m]. Source: Brace and Morgansen, Table I."""
+    """Distance to a beacon: h = |beacon - position| [m].
+
+    Source: Brace and Morgansen, Table I.
+    """
 
     name: str = "range"
 

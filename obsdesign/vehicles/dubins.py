@@ -18,14 +18,17 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class Dubins(AbstractVehicle):
-    """xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
+    """A vehicle of constant speed that steers: a car that cannot reverse, an aircraft at one height.
 
-    speed [m/s] > 0; wind: None, "constant" (states wind_x, wind_y) or "unknown" (unknown inputs of those names).
+    xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
+    States x, y [m] and heading [rad], input turn_rate [rad/s].
     Raises InputError for other values. Source: Brace and Morgansen, Sigma_D (eq. 6).
     """
 
     speed: float
+    """Speed through air or water [m/s], > 0."""
     wind: planar.Wind | None = None
+    """None, "constant" (states wind_x, wind_y [m/s]) or "unknown" (unknown inputs of those names)."""
 
     def __post_init__(self) -> None:
         require_positive("speed", self.speed)

@@ -22,15 +22,16 @@ _SLIPS = (Signal("forward_slip", "m/s"), Signal("side_slip", "m/s"), Signal("tur
 @validate_arguments
 @dataclass(frozen=True)
 class Omnidirectional(AbstractVehicle):
-    """xdot = f cos(heading) - s sin(heading), ydot = f sin(heading) + s cos(heading), headingdot = o.
+    """A vehicle that moves forward, sideways and around independently, and may slip in all three.
 
+    xdot = f cos(heading) - s sin(heading), ydot = f sin(heading) + s cos(heading), headingdot = o.
     f = forward + forward_slip, s = sideways + side_slip [m/s], to the left of the nose when > 0, o = turn_rate + turn_slip
-    [rad/s], counter-clockwise: axes of the vehicle, not of the map. forward, sideways and turn_rate are inputs. disturbance:
-    None (no slip), "constant" (the three slips are states to be estimated) or "unknown" (unknown inputs of those names).
+    [rad/s], counter-clockwise: axes of the vehicle, not of the map. forward, sideways and turn_rate are inputs.
     Raises InputError for other values. Source: Belo, Salaris and Bicchi 2010, eq. 2, whose map has the axes x and z for x and y.
     """
 
     disturbance: Disturbance | None = None
+    """None (no slip), "constant" (the three slips are states to be estimated) or "unknown" (unknown inputs of those names)."""
 
     def __post_init__(self) -> None:
         if self.disturbance not in (None, "constant", "unknown"):

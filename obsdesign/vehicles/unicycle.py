@@ -17,13 +17,15 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class Unicycle(AbstractVehicle):
-    """xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
+    """A vehicle that drives along its nose at a speed that is steered too.
 
-    Both speed [m/s] and turn_rate [rad/s] are inputs; wind as in Dubins.
-    Source: Brace and Morgansen, Sigma_U (eq. 5).
+    xdot = speed cos(heading) + wind_x, ydot = speed sin(heading) + wind_y, headingdot = turn_rate.
+    States x, y [m] and heading [rad], inputs speed [m/s] and turn_rate [rad/s].
+    Raises InputError for other values. Source: Brace and Morgansen, Sigma_U (eq. 5).
     """
 
     wind: planar.Wind | None = None
+    """None, "constant" (states wind_x, wind_y [m/s]) or "unknown" (unknown inputs of those names)."""
 
     def __post_init__(self) -> None:
         planar.require_wind(self.wind)
