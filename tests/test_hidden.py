@@ -1,5 +1,8 @@
 """The hidden directions in words: few terms, groups that move together, and no more claimed than is known."""
 
+import re
+from fractions import Fraction
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -142,3 +145,74 @@ def test_the_basis_spans_the_space_with_as_few_terms_as_it_was_made_of(seed):
     assert np.linalg.matrix_rank(vectors, tol=1e-9) == d
     assert np.linalg.matrix_rank(np.hstack([vectors, planted / widths]), tol=1e-9) == d
     assert sum(each.terms for each in found) <= np.count_nonzero(planted)
+
+
+# ---------------------------------------------------------------- sentences are true
+
+
+def null_vectors(rows, columns):
+    """A basis of the vectors that whole-number rows annihilate and that vanish but in the columns, by elimination of fractions."""
+    matrix, pivots = [[Fraction(row[j]) for j in columns] for row in rows], []
+    for j in range(len(columns)):
+        i = next((i for i in range(len(pivots), len(matrix)) if matrix[i][j]), None)
+        if i is None:
+            continue
+        k = len(pivots)
+        matrix[k], matrix[i] = matrix[i], matrix[k]
+        matrix[k] = [entry / matrix[k][j] for entry in matrix[k]]
+        matrix = [row if i == k else [a - row[j] * b for a, b in zip(row, matrix[k], strict=True)] for i, row in enumerate(matrix)]
+        pivots.append(j)
+    free = [j for j in range(len(columns)) if j not in pivots]
+    solved = [{pivot: -row[j] for pivot, row in zip(pivots, matrix, strict=False)} | {j: Fraction(1)} for j in free]
+    return [[vector.get(j, Fraction(0)) for j in range(len(columns))] for vector in solved]
+
+
+def stated(sentence, names):
+    """The states that a sentence says change together, and by how much, where it says so."""
+    if " not seen at all" in sentence:
+        return [], {}
+    if sentence.startswith("a common shift of "):
+        moved = listed(sentence, "a common shift of ", ":")
+        return moved, dict.fromkeys(moved, 1.0)
+    first, rest = sentence.split(" cannot be told from ")
+    others, amounts = rest.split(": ")
+    pairs = re.findall(r"([+-]\S+) of (\w+)", amounts)
+    assert first in names
+    return [first, *others.split(", ")], {name: float(value) for value, name in pairs}
+
+
+def untrue(seed):
+    """Sentences about constant states of sizes 1e-12 to 1e12 that fractions contradict: outputs are A diag(1 / size) x."""
+    generator = np.random.default_rng(seed)
+    n, m = int(generator.integers(3, 8)), int(generator.integers(1, 4))
+    A = generator.integers(-3, 4, (m, n)) * (generator.random((m, n)) < 0.6)
+    A[np.arange(m), generator.integers(0, n, m)] = 1
+    sizes = [Fraction(10) ** int(k) for k in generator.integers(-12, 13, n)]
+    rows = [[Fraction(int(entry)) / size for entry, size in zip(row, sizes, strict=True)] for row in A]
+    x, names = ca.SX.sym("x", n), [f"s{i}" for i in range(n)]
+    outputs = {f"y{i}": sum(float(entry) * x[j] for j, entry in enumerate(row)) for i, row in enumerate(rows)}
+    found = od.observability(od.ControlAffineSystem(x, names, outputs=outputs))
+    hidden = len(null_vectors(rows, range(n)))
+    assert (found.dimension, found.decided) == (n - hidden, True)
+    wrong, count = [], 0
+    for sentence in found.hidden.split("; ") if hidden else ():
+        if " not seen at all" in sentence:
+            alone = re.split(r" (?:is|are) not", sentence)[0].split(", ")
+            wrong += [sentence for name in alone if any(row[names.index(name)] for row in rows)]
+            count += len(alone)
+            continue
+        moved, amounts = stated(sentence, names)
+        vectors = null_vectors(rows, [names.index(name) for name in moved])
+        ratios = [[float(entry / vector[0]) for entry in vector] for vector in vectors if vector[0]]
+        right = len(vectors) == 1 and ratios and all(ratios[0])
+        if amounts:  # without: proportions that are no short fractions
+            right = right and [amounts[name] / amounts[moved[0]] for name in moved] == pytest.approx(ratios[0], rel=6e-3)
+        wrong += [] if right else [sentence]
+        count += 1
+    return wrong or ([] if count == hidden else [found.hidden])
+
+
+@pytest.mark.parametrize("first", [0, pytest.param(100, marks=pytest.mark.slow)])
+def test_sentences_about_states_of_very_different_size_are_true(first):
+    for seed in range(first, first + 60 if first == 0 else 1100):
+        assert untrue(seed) == [], seed

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import Literal
 
 import numpy as np
 
+from obsdesign.analysis.balancing import balanced
 from obsdesign.sensors.abstract import Point
 from obsdesign.signals import Signal
 
@@ -60,7 +61,7 @@ class Hidden:
         """Return d directions that span the space, in few words each."""
         d = self.null_space.shape[1]
         found: list[Direction] = []
-        for direction in self._candidates() if d else ():
+        for direction in replace(self, null_space=balanced(self.null_space))._candidates() if d else ():
             if len(found) == d:
                 break
             if _rank([*found, direction]) > len(found):

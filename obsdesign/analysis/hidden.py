@@ -16,7 +16,8 @@ _TO_FIRST_ORDER = " (to first order)"
 def hidden_in_words(model: Model, null_space: np.ndarray, at: np.ndarray, *, chosen: bool = True, singular: bool = False) -> str:
     """Say which changes of the state change no output: of states alone, common shifts, rotations, scales, combinations.
 
-    null_space (n, d): basis of the hidden directions at the state `at` (n,), with a row of zeros for every state that is seen;
+    null_space (n, d): basis of the hidden directions at the state `at` (n,), every entry to double precision relative to itself, with
+    a row of zeros for every state that is seen;
     chosen: that state was asked for, so that proportions which hold there are given; singular: more is seen around it, so that
     nothing is hidden but to first order.
     """

@@ -139,7 +139,7 @@ class _Question(AbstractQuestion):
     def _worded(self, equations: Equations, finding: Finding, *, chosen: bool = False, singular: bool = False) -> Verdict:
         rank, n, states = finding.rank, len(self.asked.states), self.asked.state_names
         at = equations.state_at(finding.place).midpoint
-        hidden = hidden_in_words(self.asked, rank.null_space, at, chosen=chosen, singular=singular)
+        hidden = hidden_in_words(self.asked, rank.null_basis, at, chosen=chosen, singular=singular)
         return Verdict(
             dimension=rank.rank,
             observable=rank.rank == n,

@@ -37,7 +37,8 @@ class Rank:
 
     bits: precision used; rows, columns: of the pivots, in order; seen: for every column whether its unit covector is in the
     row space; exact: whether that is so because entries are exactly 0; null_space (n, n - rank): orthonormal basis of what the
-    pivots' rows annihilate, a row of it 0 where seen;
+    pivots' rows annihilate, a row of it 0 where seen; null_basis (n, n - rank): of the same, each with a state of its own that the others
+    leave as it is, entries to double precision relative to themselves;
     smallest_pivot, largest_remainder: what was told from 0 and what was not, relative to rows and columns scaled to 1.
     """
 
@@ -51,6 +52,7 @@ class Rank:
     seen: tuple[bool, ...]
     exact: bool
     null_space: np.ndarray
+    null_basis: np.ndarray
 
 
 def rank_at(
@@ -162,6 +164,7 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int], most: Bound | None) ->
     zeros = [rows[i][j].abs_upper() for i in pivots.values() for j in free if 0 in rows[i][j]]
     seen = tuple(j in pivots and all(0 in rows[pivots[j]][k] for k in free) for j in range(n))
     proven = most is None or not free or (len(pivots) == most.rank and most.seen in (None, seen))
+    vectors = [_null_vector(rows, pivots, j, widths) for j in free]
     return Rank(
         rank=len(pivots),
         decided=proven and all(size <= _thin() for size in (zeros if most else left + zeros)),
@@ -172,7 +175,8 @@ def _eliminate(rows: Rows, n: int, stages: Sequence[int], most: Bound | None) ->
         columns=tuple(pivots),
         seen=seen,
         exact=all(size.is_zero() for size in zeros),
-        null_space=orthonormal([_null_vector(rows, pivots, j, widths) for j in free], n),
+        null_space=orthonormal(vectors, n),
+        null_basis=np.array([[float(vector[j]) for vector in vectors] for j in range(n)]).reshape(n, len(vectors)),
     )
 
 

@@ -33,7 +33,10 @@ def _without(other: list[arb], column: int, unit: list[arb]) -> list[arb]:
 
 
 def orthonormal(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
-    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,), each entry to double precision."""
+    """Return an orthonormal basis (n, d) of the span of d independent vectors (n,), each entry to double precision.
+
+    An entry that is not told from 0 is 0.
+    """
     basis: list[list[arb]] = []
     for vector in _apart(vectors):
         rest = vector
@@ -42,7 +45,7 @@ def orthonormal(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
             rest = [entry - share * other for entry, other in zip(rest, unit, strict=True)]
         norm = _dot(rest, rest).sqrt()
         basis.append([entry / norm for entry in rest])
-    return np.array([[float(vector[j]) for vector in basis] for j in range(n)]).reshape(n, len(vectors))
+    return np.array([[0.0 if 0 in vector[j] else float(vector[j]) for vector in basis] for j in range(n)]).reshape(n, len(vectors))
 
 
 def _apart(vectors: Sequence[list[arb]]) -> Rows:
