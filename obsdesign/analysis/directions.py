@@ -189,11 +189,11 @@ def _circuits(null_space: np.ndarray) -> list[np.ndarray]:
     rows = null_space / widths[:, None]
     moved = np.flatnonzero(rows.any(axis=1))
     found: dict[tuple[int, ...], np.ndarray] = {}
-    for chosen in _chosen(len(moved), null_space.shape[1] - 1):
-        shares = _annihilator(rows[moved[list(chosen)]])
-        if shares is not None:
-            vector = _cleaned(rows, shares)
-            found.setdefault(tuple(int(i) for i in np.flatnonzero(vector)), vector * widths)
+    count = null_space.shape[1] - 1
+    chosen = np.array(list(_chosen(len(moved), count)), dtype=int).reshape(-1, count) if count else np.zeros((1, 0), dtype=int)
+    for shares in _annihilators(rows[moved[chosen]]):
+        vector = _cleaned(rows, shares)
+        found.setdefault(tuple(int(i) for i in np.flatnonzero(vector)), vector * widths)
     return list(found.values())
 
 
@@ -207,9 +207,9 @@ def _chosen(m: int, count: int) -> Iterator[tuple[int, ...]]:
         yield tuple(generator.choice(m, count, replace=False))
 
 
-def _annihilator(rows: np.ndarray) -> np.ndarray | None:
-    """Return the direction (d,) at right angles to d - 1 rows (d - 1, d); None where they are all but dependent."""
-    if not len(rows):
-        return np.ones(1)
+def _annihilators(rows: np.ndarray) -> np.ndarray:
+    """Return the directions (k, d) at right angles to d - 1 rows each (k, d - 1, d), but for rows that are all but dependent."""
+    if not rows.shape[1]:
+        return np.ones((len(rows), 1))
     _, sizes, directions = np.linalg.svd(rows)
-    return directions[-1] if sizes[-1] > _DEPENDENT * sizes[0] else None
+    return directions[sizes[:, -1] > _DEPENDENT * sizes[:, 0], -1]
