@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, floor, inf, isfinite, log10
 
 import casadi as ca
 import numpy as np
 
-from obsdesign.comparison import EXCUSED, Walks, compared, operations
+from obsdesign.comparison import ALIKE, EXCUSED, Compared, Walks, alike, compared, operations
 from obsdesign.errors import InputError
 from obsdesign.model import Model
 from obsdesign.quadrature import quadrature_of
@@ -16,26 +17,30 @@ from obsdesign.step import CACHED, chained, exact_step
 
 MOST = 1024  # sub-steps of one step
 _WORK = 600_000  # operations that a step and its check may have together
-_TRIED = 100_000_000  # operations, about, that it may take to find a step that would do
-_FINEST = 4096  # parts of a step
+_TRIED = 400_000_000  # operations, about, that it may take to try a step that would do
+_FINEST = 1 << 22  # parts of a step
 _PREFIX = 16  # steps that are looked at first: most motions that run away do so at once
+_CALM = 10.0  # growth of a sensitivity, at most, where a stretch of a path speaks for all of it
 _SAFETY, _LEAP = 1.5, 8.0  # on an error where the number of sub-steps is chosen for it; most by which that grows at a time
 
 
 class CoarseError(InputError):
     """A step is too coarse for the dynamics, with as many sub-steps as can be made: by a factor of `error` tolerances.
 
-    enough: a step that would do, None where none was found; tried: whether it was tried out along the path.
+    enough: a step that would do, None where none was found; tried: over how many seconds of the path it was tried out, inf for all
+    of it, 0 for an estimate.
     """
 
-    def __init__(self, step: float, count: int, error: float, tolerance: float, enough: float | None = None, tried: bool = True) -> None:
+    def __init__(self, step: float, count: int, error: float, tolerance: float, enough: float | None = None, tried: float = np.inf) -> None:
         self.arguments, self.enough = (step, count, error, tolerance, enough, tried), enough
         said = f"a step of {step:g} s is too coarse for these dynamics: even {count} sub-steps "
         said += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}" if isfinite(error) else "leave the finite numbers"
         if enough is None:
             would = "the motion runs away, or it needs a step much smaller"
+        elif tried:
+            would = f"a step of {enough:.12g} s would do" + (f", tried over the first {tried:.3g} s" if isfinite(tried) else "")
         else:
-            would = f"a step of {enough:.12g} s would do" if tried else f"it is estimated that a step of {enough:.2g} s would do"
+            would = f"it is estimated that a step of {enough:.2g} s would do"
         super().__init__(f"{said}; {would}")
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
@@ -70,43 +75,69 @@ def substeps_for(walks: Walks, tolerance: float) -> np.ndarray:
     model, step = walks.model, walks.step
     most, exact = most_substeps(model), exact_step(model, step) is not None
     found = np.ones(len(walks.x), dtype=int)
-    waiting = [(np.arange(len(found)), 1, np.full(len(found), inf), np.zeros(len(found), dtype=bool))]
+    waiting = [(np.arange(len(found)), 1, _Tried(np.full(len(found), inf), np.zeros(len(found), dtype=bool), np.zeros(len(found))))]
     while waiting:
-        rows, count, before, stuck = waiting.pop()
+        rows, count, before = waiting.pop()
         found[rows] = count
         if exact and count > 1:
             continue
         some = walks.some(rows)
-        error, stuck = _judged(some, count, tolerance, before, stuck)
-        missed, later = error > 1, np.array([2 if exact else min(most, _more(count, each)) for each in error])
+        now = _judged(some, count, tolerance, before)
+        missed, later = now.error > 1, np.array([2 if exact else min(most, _more(count, each)) for each in now.error])
         if missed.any() and count >= most:
-            raise _coarse(some.some(np.flatnonzero(missed)[:1]), count, float(error[missed][0]), tolerance)
+            raise _coarse(some.some(np.flatnonzero(missed)[:1]), count, float(now.error[missed][0]), tolerance)
         for each in np.unique(later[missed]):
             own = missed & (later == each)
-            waiting.append((rows[own], int(each), error[own], stuck[own]))
+            waiting.append((rows[own], int(each), now.some(own)))
     return found
 
 
-def _judged(walks: Walks, count: int, tolerance: float, before: np.ndarray, stuck: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the error (M,) in tolerances, and which of them more sub-steps did not help and rounding explains.
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """What was found with some number of sub-steps (M,): the error in tolerances; whether rounding explains it; how much Phi grows.
 
-    Rounding is excused for up to two tolerances. Raises RoundedError where it explains the whole error twice in a row.
+    growth: 0 where it is not above what rounding is excused for, by far, or where steps are unstable.
+    """
+
+    error: np.ndarray
+    rounded: np.ndarray
+    growth: np.ndarray
+
+    def some(self, rows: np.ndarray) -> _Tried:
+        """Return those of some of the paths."""
+        return _Tried(self.error[rows], self.rounded[rows], self.growth[rows])
+
+
+def _judged(walks: Walks, count: int, tolerance: float, before: _Tried) -> _Tried:
+    """Return the errors, with what was found with fewer sub-steps; inf where steps are unstable.
+
+    Rounding is excused for up to two tolerances. Raises RoundedError where it explains the whole error twice in a row, and where Phi
+    makes more of it, by far, twice in a row and alike.
     """
     if count > _LEAP and walks.simulated and _runs_away(walks, count, tolerance):
-        return np.full(len(walks.x), inf), np.zeros(len(walks.x), dtype=bool)
+        return _Tried(np.full(len(walks.x), inf), np.zeros(len(walks.x), dtype=bool), np.zeros(len(walks.x)))
     plain = compared(walks, count, tolerance)
-    error, unseen = plain.error, plain.amplified
+    error = np.where(plain.is_amplified & plain.is_unstable, inf, plain.error)
     rounded = np.zeros(len(error), dtype=bool)
-    slow = np.flatnonzero((error > 1) & ((count == 1) | (error > before / 2)) & np.isfinite(error))
+    slow = np.flatnonzero((error > 1) & ((count == 1) | (error > before.error / 2)) & np.isfinite(error))
     if len(slow):
         told = compared(walks.some(slow), count, tolerance, rounding=True)
         error[slow], rounded[slow] = told.error, (told.beyond_rounding <= 1) & (told.error > 1)
-        lost = np.flatnonzero(rounded & stuck)
+        lost = np.flatnonzero(rounded & before.rounded)
         if count > 1 and len(lost):
             raise RoundedError(walks.step, float(error[lost[0]]), tolerance)
-    if (lost := (error <= 1) & (unseen > EXCUSED + 1)).any():
-        raise RoundedError(walks.step, float(unseen[lost].max()), tolerance)
-    return error, rounded & (count > 1)
+    growth = _far_grown(plain)
+    lost = (error <= 1) & plain.is_amplified | (np.minimum(growth, before.growth) > 0) & alike(growth, before.growth)
+    if lost.any():
+        raise RoundedError(walks.step, float(plain.amplified[lost].max()), tolerance)
+    return _Tried(error, rounded & (count > 1), growth)
+
+
+def _far_grown(found: Compared) -> np.ndarray:
+    """Return how much Phi grows (M,) where that is above what rounding is excused for by more than growths that are alike differ."""
+    growth = found.growth.min(axis=1)
+    far = found.amplified > (EXCUSED + 1) * np.maximum(growth, 1.0) ** ALIKE
+    return np.where(far & ~found.is_unstable, growth, 0.0)
 
 
 def _runs_away(walks: Walks, count: int, tolerance: float) -> bool:
@@ -118,30 +149,47 @@ def _runs_away(walks: Walks, count: int, tolerance: float) -> bool:
 def _coarse(walks: Walks, count: int, error: float, tolerance: float) -> CoarseError:
     """Return the refusal of a path, with parts of the step that were found to do, with as many sub-steps as they may have.
 
-    An estimate by order 4 where states are given, or where trying out would take too long.
+    They are tried along the whole path. Where that takes too long: along its beginning, if longer steps failed within that and
+    sensitivities do not grow; else it is an estimate by order 4, as where states are given.
     """
-    parts, now, estimate = 1, error, _estimated(walks.step, error)
+    parts, now, estimate, failed = 1, error, _estimated(walks.step, error, tolerance), 0.0  # seconds within which longer steps failed
     each = operations(walks.model) * count
+    affordable = 2 * _TRIED // (each * walks.held.shape[-2])
     while walks.simulated and parts < _FINEST:
-        parts = _more(parts, now)
-        finer = walks.cut(parts)
+        parts = _more(parts, now) if failed else min(_more(parts, now), max(parts + 1, affordable))
+        finer = walks.beginning(max(_TRIED // each, ceil(failed * parts / walks.step)), parts)
         if _runs_away(finer, count, tolerance):
-            now = inf
+            now, failed = inf, finer.step * _PREFIX
             continue
-        if finer.held.shape[-2] * each > _TRIED:
+        steps = finer.held.shape[-2]
+        whole = steps == parts * walks.held.shape[-2]
+        if steps * each > 2 * _TRIED or not (whole or failed):
+            estimate = estimate or _at_first(finer, count, now, tolerance, parts * walks.held.shape[-2])
             break
-        before, now = now, float(compared(finer, count, tolerance).error[0])
-        estimate = _estimated(finer.step, now) or estimate
-        if now <= 1:
-            return CoarseError(walks.step, count, error, tolerance, finer.step)
-        if now > before / 2:  # finer ones do not help
+        before, found = now, compared(finer, count, tolerance)
+        now = float(found.error[0])
+        estimate = _estimated(finer.step, now, tolerance) or estimate
+        if now <= 1 and (whole or found.growth.max() <= _CALM):
+            return CoarseError(walks.step, count, error, tolerance, finer.step, inf if whole else steps * finer.step)
+        if now <= 1:  # it may not do later on
+            break
+        if now > before / 2 and now * tolerance < 1:  # finer ones do not help
             estimate = None
             break
-    return CoarseError(walks.step, count, error, tolerance, estimate, False)
+    return CoarseError(walks.step, count, error, tolerance, estimate, 0.0)
 
 
-def _estimated(step: float, error: float) -> float | None:
-    return step / (_SAFETY * error) ** 0.25 if isfinite(error) else None
+def _at_first(walks: Walks, count: int, before: float, tolerance: float, steps: int) -> float | None:
+    """Return a step that would do if so many steps add errors as the first do, None where a longer one left the finite numbers."""
+    if not isfinite(before):
+        return None
+    error = float(compared(walks.beginning(_PREFIX, 1), count, tolerance).error[0]) * max(1.0, steps / _PREFIX)
+    return walks.step if error <= 1 else _estimated(walks.step, error, tolerance)
+
+
+def _estimated(step: float, error: float, tolerance: float) -> float | None:
+    """Return a step that would do by order 4, None where the error is as large as what it is an error of."""
+    return step / (_SAFETY * error) ** 0.25 if error * tolerance < 1 else None
 
 
 def substeps_from(

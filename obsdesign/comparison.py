@@ -15,6 +15,7 @@ from obsdesign.step import CACHED, Step, exact_step, runge_kutta
 _PART = (3 - 5**0.5) / 2  # of a sub-step, the first of the two it is checked against: no period of a motion divides both
 _SHARE = 1 / (1 - _PART**5 - (1 - _PART) ** 5)  # error of a sub-step over its difference from those two, at order 4
 _ROUNDING = 2.0**-46  # relative, by which state and inputs are moved to see what rounding does: 64 units of it
+ALIKE = 0.1  # part of a logarithm by which growths may differ that are those of the motion
 EXCUSED = 2.0  # tolerances that rounding may take beside the one that is stated
 _RESIDUE = 2.0**-40  # of the largest effect that a state has on any other: less than that is none
 _TINY, _HUGE = 1e-300, 1e300
@@ -42,21 +43,44 @@ class Walks:
         """Return some of the paths."""
         return Walks(self.model, self.step, self.held[rows] if self.held.ndim == 3 else self.held, self.x[rows])
 
-    def cut(self, parts: int) -> Walks:
-        """Return simulated paths of the same motion with each step cut into so many."""
-        return Walks(self.model, self.step / parts, np.repeat(self.held, parts, axis=-2), self.x)
+    def beginning(self, steps: int, parts: int) -> Walks:
+        """Return the first steps, so many at most, of simulated paths of the same motion with each step cut into parts."""
+        held = self.held[..., : -(-steps // parts), :]
+        return Walks(self.model, self.step / parts, np.repeat(held, parts, axis=-2)[..., :steps, :], self.x)
 
 
 @dataclass(frozen=True, eq=False)
 class Compared:
     """Errors (M,) in tolerances, inf where states are not finite; beyond what rounding is excused for, and beyond all it does.
 
-    amplified (M,): what Phi makes of half a rounding unit of a state at the start of a simulated path, in that state.
+    amplified (M,): what Phi makes of half a rounding unit of a state at the start of a simulated path, in that state. growth (M, 2):
+    the largest entry of the diagonal of Phi of either path: where those differ, it is the steps that are unstable and not the motion.
     """
 
     error: np.ndarray
     beyond_rounding: np.ndarray
     amplified: np.ndarray
+    growth: np.ndarray
+
+    @property
+    def is_amplified(self) -> np.ndarray:
+        """Whether rounding alone makes more than what it is excused for (M,), unless the steps are unstable."""
+        return self.amplified > EXCUSED + 1
+
+    @property
+    def is_unstable(self) -> np.ndarray:
+        """Whether Phi grows by steps and not by the motion (M,): ln of both growths differ by more than a tenth."""
+        return ~alike(*self.growth.T)
+
+    def some(self, rows: np.ndarray) -> Compared:
+        """Return those of some of the paths."""
+        return Compared(self.error[rows], self.beyond_rounding[rows], self.amplified[rows], self.growth[rows])
+
+
+def alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return whether the logarithms of two growths (M,) are within a tenth, as far as they grow at all."""
+    a, b = (np.log(np.maximum(each, 1.0)) for each in (first, second))
+    return np.abs(a - b) <= ALIKE * np.maximum(np.maximum(a, b), 1.0)
 
 
 def compared(walks: Walks, substeps: int, tolerance: float, *, rounding: bool = False) -> Compared:
@@ -74,13 +98,13 @@ def compared(walks: Walks, substeps: int, tolerance: float, *, rounding: bool = 
     found = _tops(model, pace).run(carry, rows, steps, carries=False).carry[:, 2 * n + identity.size :]
     size, top, top_Phi = np.split(found, [n, 2 * n], axis=1)
     moved = (zero, identity) if rounding else ()
-    last = [np.eye(n).ravel(), np.zeros(n * p), identity, identity, *moved, np.array([1.0, 0.0, 0.0, 0.0])]
+    last = [np.eye(n).ravel(), np.zeros(n * p), identity, identity, *moved, np.zeros(2), np.array([1.0, 0.0, 0.0, 0.0])]
     shares = [_excused(size, top_Phi, tolerance), top, top_Phi, _residues(size, top_Phi)]
     carry = np.hstack([starts, starts, *shares, top, top_Phi, _tiled(M, *last)])
     end = _comparison(model, pace, rounding).run(carry, rows, steps, carries=False).carry
     whole = np.isfinite(end[:, -1])
     error, beyond = (np.where(whole, end[:, i], np.inf) for i in (-3, -2))
-    return Compared(error, beyond, _amplified(walks, size, top_Phi) / tolerance)
+    return Compared(error, beyond, _amplified(walks, size, top_Phi) / tolerance, end[:, -6:-4])
 
 
 def _rows(walks: Walks, substeps: int, tolerance: float) -> list[np.ndarray]:
@@ -210,7 +234,7 @@ def _comparison(model: Model, pace: float | None, rounding: bool) -> Scan:
     top_Phi, residue, size_Phi, Phi, finer_Phi = (
         ca.SX.sym(name, n, wide) for name in ("top_Phi", "residue", "size_Phi", "Phi", "finer_Phi")
     )
-    F_step, B_step, seen = ca.SX.sym("F", n, n), ca.SX.sym("B", n, wide - n), ca.SX.sym("seen", 4)
+    F_step, B_step, growth, seen = ca.SX.sym("F", n, n), ca.SX.sym("B", n, wide - n), ca.SX.sym("growth", 2), ca.SX.sym("seen", 4)
     (x_next, F, forced), (x_finer, F_finer, forced_finer) = pair.one, pair.finer
     (_, _, place, settings), alive = pair.rows, seen[0]
     tolerance, begins, ends = settings[0], place[0], place[1]
@@ -233,6 +257,8 @@ def _comparison(model: Model, pace: float | None, rounding: bool) -> Scan:
         lost, lost_Phi = ca.fabs(moved_next[0]), added + ca.fabs(moved_next[1] - Phi_next)
     allowed, allowed_Phi = tolerance * size_next + stored + _TINY, tolerance * size_Phi_next + _TINY
     alive_next = alive * (ca.fabs(ca.sum1(_column(Phi_next, finer_next, *moved_next[1:]))) < _HUGE)
+    grown = ca.vertcat(*[ca.mmax(ca.fabs(ca.diag(each[:, :n]))) for each in (Phi_next, finer_next)])
+    growth_next = ca.fmax(growth, ca.if_else(alive_next, grown, 0))
 
     def worst(before: ca.SX, allowed: ca.SX, allowed_Phi: ca.SX) -> ca.SX:
         now = ca.fmax(ca.mmax(off / allowed), ca.if_else(alive_next, ca.mmax(off_Phi / allowed_Phi), 0))
@@ -243,7 +269,8 @@ def _comparison(model: Model, pace: float | None, rounding: bool) -> Scan:
     spoiled = seen[3] + settings[3] * ca.sum1(_column(x_next, x_finer))  # NaN as soon as anything is not finite: settings[3] = 0
     carry = _column(pair.x, pair.x_finer, excused, top, top_Phi, residue, size, size_Phi, F_step, B_step, Phi, finer_Phi)
     carry_next = _column(x_next, x_finer, excused, top, top_Phi, residue, size_next, size_Phi_next, F_whole, B_whole, Phi_next, finer_next)
-    return Scan(_column(carry, *moved, seen), pair.rows, _column(carry_next, *moved_next, alive_next, capped, beyond, spoiled))
+    seen_next = ca.vertcat(growth_next, alive_next, capped, beyond, spoiled)
+    return Scan(_column(carry, *moved, growth, seen), pair.rows, _column(carry_next, *moved_next, seen_next))
 
 
 def _sized(value: ca.SX, top: ca.SX, contracted: ca.SX) -> ca.SX:

@@ -21,7 +21,7 @@ from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sampling import sampled
 from obsdesign.planner import ITERATIONS, Horizon, Plan, Planner
 from obsdesign.prior import Prior
-from obsdesign.simulation import as_state, readings, states_from
+from obsdesign.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.status import Status
 from obsdesign.validation import ARRIVES
 
@@ -106,7 +106,8 @@ def fly(
     The truth begins at a draw from the prior, or at `truth` (n,); process noise of psd (n,) or (n, n) [unit^2/s] and the sensors'
     noise as in `validate`. Each plan is flown from the instant for which it was made: the time it takes counts for its deadline [s]
     only. horizon, iterations: those of the `Planner`. The same seed, the same flight, save for seconds, without a deadline.
-    Raises InputError for values that do not fit, and what `Planner` raises; in flight nothing is raised.
+    Raises InputError for values that do not fit, and what `Planner` raises; in flight only for a step that is too coarse for the truth
+    or for what the filter believes.
     """
     steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
     if steps is None:
@@ -123,7 +124,7 @@ def fly(
     scene = _Scene(
         problem,
         prior,
-        ExtendedKalmanFilter(problem.system, problem.step, factor @ factor.T, problem.substeps),
+        ExtendedKalmanFilter(problem.system, problem.step, factor @ factor.T, tolerance=problem.tolerance),
         _world(problem, prior, start, factor, steps, seed),
     )
     plans: list[Plan] = []
@@ -192,7 +193,8 @@ def _flown(scene: _Scene, pilot: _Pilot) -> Flight:
         belief = _updated(scene, belief, truth, k)
         beliefs.append(belief)
         flown.append(pilot(k, belief, before))
-        truth = states_from(system, truth[None], flown[-1][None], step, None, kick[None, None], substeps=scene.problem.substeps)[0, 1]
+        substeps = int(substeps_needed(system, truth[None], flown[-1][None], step, None, scene.problem.tolerance)[0])
+        truth = states_from(system, truth[None], flown[-1][None], step, None, kick[None, None], substeps=substeps)[0, 1]
         states.append(truth)
         belief = scene.estimator.predict(belief, flown[-1])
     beliefs.append(belief)

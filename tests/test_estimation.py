@@ -11,9 +11,11 @@ import casadi as ca
 import numpy as np
 import pytest
 from distributed import LocalCluster
+from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import obsdesign as od
+from obsdesign import flight
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.simulation import substeps_along
 from obsdesign.validation import CONSISTENT_SHARE, SETTLED, _judged
@@ -407,3 +409,47 @@ def test_a_dask_cluster_gives_the_same_bytes():
     alone = od.validate(LINEAR, PATH, prior=PRIOR, runs=120)
     assert spread.rmse.tobytes() == alone.rmse.tobytes()
     assert spread.nees.tobytes() == alone.nees.tobytes()
+
+
+# ---------------------------------------------------------------- steps as exact as is asked
+
+
+def swinging() -> od.ControlAffineSystem:
+    """A pendulum of 10 rad/s with a torque."""
+    x = ca.SX.sym("x", 2)
+    drift = ca.vertcat(x[1], -100 * ca.sin(x[0]))
+    return od.ControlAffineSystem(x, ("angle", "rate"), drift, {"torque": ca.SX([0, 1])}, outputs={"y": x[0]})
+
+
+def swung(start: tuple[float, float], seconds: float) -> np.ndarray:
+    """The pendulum without a torque, integrated at order 8."""
+    found = solve_ivp(lambda _, x: (x[1], -100 * np.sin(x[0])), (0.0, seconds), start, method="DOP853", rtol=1e-12, atol=1e-12)
+    return found.y[:, -1]
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_filter_makes_as_many_sub_steps_as_its_tolerance_asks_for(at_once: bool):
+    """A step of 2 rad: without samples the mean moves as the pendulum does; one step of Runge and Kutta is off by 0.1."""
+    estimator = ExtendedKalmanFilter(swinging(), 0.2, np.zeros((2, 2)))
+    belief = Belief(np.array([[1.0, 0.0]]), 1e-4 * np.eye(2)[None])
+    if at_once:
+        mean = estimator.run(belief, np.zeros((5, 1)), np.zeros((5, 1, 1)), np.zeros((5, 1), dtype=bool)).mean[-1]
+    else:
+        for _ in range(5):
+            belief = estimator.predict(belief, np.zeros(1))
+        mean = belief.mean
+    np.testing.assert_allclose(mean[0] / [1, 10], swung((1.0, 0.0), 1.0) / [1, 10], rtol=0, atol=5e-6)
+
+
+def test_the_truth_of_a_flight_moves_as_the_pendulum_does():
+    """Plans are made for rest, where nothing moves and one step is enough; the truth swings."""
+    bounds = {"torque": (-1e-9, 1e-9)}
+    problem = od.DesignProblem(
+        system=swinging(), start=(0.0, 0.0), duration=1.0, step=0.2, path=od.PiecewiseConstant(1), bounds=bounds, scale=(1.0, 10.0)
+    )
+    world = flight._World(np.array([1.0, 0.0]), np.zeros((5, 2)), np.zeros((2, 5, 1)), np.zeros((5, 1), dtype=bool))
+    estimator = ExtendedKalmanFilter(problem.system, problem.step, np.zeros((2, 2)))
+    scene = flight._Scene(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
+    flown = flight._flown(scene, lambda *_: np.zeros(1))
+    for found in (flown.truth[-1], flown.mean[-1]):
+        np.testing.assert_allclose(found / [1, 10], swung((1.0, 0.0), 1.0) / [1, 10], rtol=0, atol=5e-6)

@@ -184,6 +184,44 @@ def test_a_step_too_coarse_is_refused_with_one_that_would_do():
         coasting(system, [1.0, 0.0], 5, 1.0)
 
 
+def robertson(x: ca.SX) -> ca.SX:
+    slow, fast, twice = 0.04 * x[0], 1e4 * x[1] * x[2], 3e7 * x[1] ** 2
+    return ca.vertcat(fast - slow, slow - fast - twice, twice)
+
+
+STIFF: dict[str, tuple[Callable[[ca.SX], ca.SX], list[float], int, float]] = {
+    "v' = -1e6 (v - cos t)": (lambda x: ca.vertcat(-1e6 * (x[0] - ca.cos(x[1])), 1), [1.0, 0.0], 5, 0.1),
+    "v' = -1e6 v^3": (lambda x: -1e6 * x**3, [1.0], 20, 1e-3),
+    "Robertson": (robertson, [1.0, 0.0, 0.0], 10, 4.0),
+    "Van der Pol": (lambda x: ca.vertcat(x[1], 1000 * (1 - x[0] ** 2) * x[1] - x[0]), [2.0, 0.0], 20, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "Robertson")) for name in STIFF])
+def test_stiff_motion_is_refused_with_a_step_that_was_tried_and_does(name: str):
+    drift, start, steps, dt = STIFF[name]
+    system = free(drift, len(start))
+    with pytest.raises(od.InputError, match=r"; a step of [0-9.e-]+ s would do") as refusal:
+        coasting(system, start, steps, dt)
+    step = float(re.findall(r"a step of ([0-9.e-]+) s would do", str(refusal.value))[0])
+    path = coasting(system, start, round(steps * dt / step), step)
+    rate, jacobian = (
+        ca.Function("f", [system.model.x], [ca.densify(each)])
+        for each in (system.model.drift, ca.jacobian(drift(system.model.x), system.model.x))
+    )
+    found = solve_ivp(
+        lambda _, x: rate(x).full().ravel(), (0.0, path.t[-1]), start, "Radau", rtol=1e-10, atol=1e-14, jac=lambda _, x: jacobian(x).full()
+    )
+    np.testing.assert_allclose(path.x[-1], found.y[:, -1], rtol=3e-6)
+
+
+def test_a_fast_oscillation_is_not_taken_for_one_that_amplifies_rounding():
+    """Steps of 1000 rad are unstable: their sensitivity grows to 1e288, that of the motion does not."""
+    system = free(lambda x: ca.vertcat(x[1], -1e6 * ca.sin(x[0]), 0.01 * x[0] - 0.1 * x[2]), 3)
+    with pytest.raises(od.InputError, match=r"estimated that a step of [0-9.e-]+ s would do"):
+        coasting(system, [0.5, 0.0, 1.0], 10, 1.0)
+
+
 def lorenz(x: ca.SX) -> ca.SX:
     return ca.vertcat(10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2])
 
@@ -245,7 +283,7 @@ def test_what_only_rounding_moves_is_refused():
 
 def test_chaos_is_followed_as_far_as_doubles_do_and_refused_beyond():
     system = free(lorenz, 3)
-    with pytest.raises(od.InputError, match=r"too coarse|amplifies the rounding"):
+    with pytest.raises(od.InputError, match=r"amplifies the rounding of doubles"):
         coasting(system, [1.0, 1.0, 20.0], 100, 0.5)
     assert max(errors(system, coasting(system, [1.0, 1.0, 20.0], 10, 0.1))) < 3e-6
 

@@ -15,7 +15,9 @@ from obsdesign.model import AbstractSystem, Model
 from obsdesign.nuisance import Nuisance, nuisance_of
 from obsdesign.packing import packed, packed_values, symmetric, unpacked
 from obsdesign.scan import Scan
+from obsdesign.simulation import substeps_needed
 from obsdesign.step import CACHED, Step, step_of
+from obsdesign.trajectory import TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +39,18 @@ class ExtendedKalmanFilter:
 
     The filter's own model of the samples is the one that is stated: correlated, constant and joint errors are nuisance states
     beside x, see `Nuisance`. A sample has then nothing white left, and covariances are carried as roots.
-    substeps: of how many each step is made; see `substeps_along`, `substeps_needed`.
+    substeps: of how many each step is made; None: as many as `tolerance` asks for along the motion of the means without samples.
     """
 
     system: AbstractSystem
     step: float
     noise: np.ndarray
-    substeps: int = 1
+    substeps: int | None = None
+    tolerance: float = TOLERANCE
 
     def predict(self, belief: Belief, u: np.ndarray) -> Belief:
-        """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs."""
-        return self._once(self._scans.predict, belief, [u, self._added])
+        """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs. Raises InputError for a step too coarse."""
+        return self._once(self._scans_for(belief.mean, u[None]).predict, belief, [u, self._added])
 
     def update(self, belief: Belief, y: np.ndarray, active: np.ndarray) -> Belief:
         """Take in the outputs y (R, q) of those that are active, (q,) or (R, q); angle residuals wrap.
@@ -56,27 +59,33 @@ class ExtendedKalmanFilter:
         """
         each = np.broadcast_to(active, y.shape).astype(float)
         _require_finite(self.system, y[None], each[None])
-        return self._once(self._scans.update, belief, [y[:, None], each[:, None]])
+        return self._once(self._scans(self.substeps or 1).update, belief, [y[:, None], each[:, None]])
 
     def run(self, first: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> Belief:
         """Return N+1 beliefs (N+1, R, ...): after the update at t_k for k < N, predicted at t_N.
 
-        u (N, m), y (N, R, q), active (N, q) or (N, R, q). Raises InputError for an active output that is not finite.
+        u (N, m), y (N, R, q), active (N, q) or (N, R, q). Raises InputError for an active output that is not finite, and a step too
+        coarse.
         """
         _require_finite(self.system, y, np.broadcast_to(active if active.ndim == 3 else active[:, None], y.shape))
         n, steps = first.mean.shape[1], len(u)
         each = active if active.ndim == 2 else np.swapaxes(active, 0, 1)
         rows = [u, np.swapaxes(y, 0, 1), each.astype(float), self._added]
-        run = self._scans.both.run(self._packed(first), rows, steps, carries=False)
+        run = self._scans_for(first.mean, u).both.run(self._packed(first), rows, steps, carries=False)
         last = self._unpacked(run.carry, n)
         means = np.concatenate([run.results[0], last.mean[:, None]], axis=1)
         covariances = np.concatenate([run.results[1].reshape(-1, steps, n, n), last.covariance[:, None]], axis=1)
         return Belief(means.swapaxes(0, 1), covariances.swapaxes(0, 1))
 
-    @property
-    def _scans(self) -> Scans:
+    def _scans_for(self, means: np.ndarray, u: np.ndarray) -> Scans:
+        """Return the walks for means (R, n) that move under u (N, m)."""
+        if self.substeps is not None:
+            return self._scans(self.substeps)
+        return self._scans(int(substeps_needed(self.system, means, u, self.step, None, self.tolerance).max(initial=1)))
+
+    def _scans(self, substeps: int) -> Scans:
         model = self.system.model
-        return root_scans(model, self.step, self.substeps) if self._nuisance.size else _scans(model, self.step, self.substeps)
+        return root_scans(model, self.step, substeps) if self._nuisance.size else _scans(model, self.step, substeps)
 
     @property
     def _nuisance(self) -> Nuisance:
