@@ -132,7 +132,7 @@ def wrong(seed):
         {f"u{k}": ca.vertcat(*field) for k, field in enumerate(fields[1:])},
         outputs={"y": output},
     )
-    on_border = value_at(border, point) == 0 and any(a is not b for a, b in pieces)
+    on_border = value_at(border, point) == 0 and any(a != b for a, b in pieces)
     found = []
     for at in ([float(entry) for entry in point], None):
         try:
