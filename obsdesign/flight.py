@@ -28,27 +28,34 @@ from obsdesign.validation import ARRIVES
 
 @dataclass(frozen=True, eq=False)
 class Flight(AbstractDisplay):
-    """What was flown in K steps, and what the filter believed.
-
-    t (K+1,); truth (K+1, n); mean, std (K+1, n): the filter's, after the samples at t_k for k < K, predicted at t_K; u (K, m);
-    nees (K+1,): e'P^-1 e, n on average for an honest filter; margin: the least along the truth of the limits that always hold, of
-    order 1, inf without any. One entry per plan: statuses, feasible, ages, values, seconds. straight: the same flight, with the
-    same noise, with all inputs in the middle of their ranges; None in that one.
-    """
+    """What was flown in K steps, and what the filter believed."""
 
     t: np.ndarray
+    """Instants (K+1,) [s]."""
     truth: np.ndarray
+    """True states (K+1, n), in the units of the states."""
     mean: np.ndarray
+    """The filter's estimate (K+1, n), in the units of the states: after the samples at t_k for k < K, predicted at t_K."""
     std: np.ndarray
+    """The filter's standard deviation (K+1, n), in the units of the states."""
     u: np.ndarray
+    """Inputs flown (K, m), in their units."""
     nees: np.ndarray
+    """Normalised squared errors e'P^-1 e (K+1,): n on average for an honest filter."""
     margin: float
+    """The least along the truth of the limits that always hold, of order 1; inf without any."""
     statuses: tuple[Status, ...] = ()
+    """How the solve of each plan ended."""
     feasible: tuple[bool, ...] = ()
+    """Whether each plan broke no limit."""
     ages: tuple[int, ...] = ()
+    """How many plans ago the inputs of each were found, 0 = for this one."""
     values: tuple[float, ...] = ()
+    """What each plan is worth."""
     seconds: tuple[float, ...] = ()
+    """Wall time of each plan [s]."""
     straight: Flight | None = None
+    """The same flight, with the same noise, with all inputs in the middle of their ranges; None in that one."""
 
     def _summary(self) -> Summary:
         error = self.mean[-1] - self.truth[-1]

@@ -174,23 +174,26 @@ class Memory:
 
 @dataclass(frozen=True, eq=False)
 class Plan(AbstractDisplay):
-    """A path from where the vehicle is.
-
-    trajectory: from x_now at its t = 0 on; value: what is maximised, recomputed: criterion(S (W + prior) S) minus prices, NaN where
-    that was not done; feasible: the path begins at x_now and breaks no limit, looked at ten times as often as the steps;
-    status: how this step's climb ended, ITERATION_LIMIT being usual; reason: in words what went wrong or is broken, else "";
-    age: how many steps ago the inputs were found, 0 = now; time [s]: since the first plan; seconds: wall time that the step took.
-    """
+    """A path from where the vehicle is."""
 
     trajectory: Trajectory
+    """The path, from x_now at its t = 0 on."""
     value: float
+    """What is maximised, recomputed: criterion(S (W + prior) S) minus prices; NaN where that was not done."""
     status: Status
+    """How this step's solve ended, ITERATION_LIMIT being usual."""
     feasible: bool
+    """Whether the path begins at x_now and breaks no limit, looked at ten times as often as the steps."""
     reason: str
+    """What went wrong or is broken, in words; "" = nothing."""
     age: int
+    """How many steps ago the inputs were found, 0 = now."""
     time: float
+    """Time since the first plan [s]."""
     seconds: float
+    """Wall time that the step took [s]."""
     memory: Memory
+    """What the next step goes on from."""
 
     def _summary(self) -> Summary:
         path = self.trajectory
@@ -557,25 +560,30 @@ class _Call:
 @validate_arguments
 @dataclass(frozen=True)
 class Planner:
-    """Plans for one problem from wherever the vehicle is. Built once; the warm start travels in the plan: no hidden state.
+    """Plans for one problem from wherever the vehicle is, again and again.
 
-    every [s]: time from one step to the next, a whole multiple of the problem's step, None = one step;
-    horizon: "receding": each plan lasts as long as the problem, whose limits count from now on; "shrinking": until the duration of
-    the problem is over, limits and budgets being those of the whole mission; rates are limits within each plan;
-    iterations: of a step after the first at most (real-time iteration: the next one goes on from there), enough: the relative gain
-    of one after which the step is done; starts: of the first step, which climbs to the end.
-    What takes long for being done the first time is done at construction, by rehearsing some steps.
+    Built once; the warm start travels in the plan: no hidden state. What takes long for being done the first time is done at
+    construction, by rehearsing some steps. Rates are limits within each plan.
     Raises UnobservableError where the sensors cannot see the whole state on any path, InputError for a duration to choose from and
     for values that do not fit. Source: Diehl, Bock and Schlöder (2005), real-time iterations.
     """
 
     problem: DesignProblem
+    """What each plan answers, of one duration."""
     every: float | None = None
+    """Time from one step to the next [s], a whole multiple of the problem's step; None = one step."""
     horizon: Horizon = "receding"
+    """"receding": each plan lasts as long as the problem, whose limits count from now on; "shrinking": until the duration of the problem is
+    over, limits and budgets being those of the whole mission.
+    """
     iterations: int = ITERATIONS
+    """Largest number of iterations of a step after the first (real-time iteration: the next one goes on from there)."""
     enough: float = ENOUGH
+    """Relative gain of one iteration below which the step is done."""
     starts: int = 4
+    """Number of initial guesses of the first step, which is solved to the end."""
     seed: int = 0
+    """Seed of these guesses."""
 
     def __post_init__(self) -> None:
         problem = self.problem

@@ -40,22 +40,29 @@ Consistency = Literal["consistent", "overconfident", "underconfident"]
 
 @dataclass(frozen=True, eq=False)
 class Validation(AbstractDisplay):
-    """What R filter runs did. All over t (N+1,): values at t_k after that instant's update, predicted at t_N.
+    """What R filter runs did, against the posterior Cramer-Rao bound.
 
-    rmse (N+1, n): root mean square error per state; bound (N+1, n): posterior Cramer-Rao standard deviation;
-    nees (N+1,): run-averaged e'P^-1 e, n on average for an honest filter; nees_interval: its 95 % band (chi-square, R n
-    degrees of freedom); in_band: share of the instants after the first quarter inside it; consistent: at least 65 % of them.
+    Values at t_k are after that instant's update, predicted at t_N. `consistent`: at least 65 % of the later instants are in the band.
     """
 
     t: np.ndarray
+    """Instants (N+1,) [s]."""
     rmse: np.ndarray
+    """Root mean square error of each state over the runs (N+1, n), in the units of the states."""
     bound: np.ndarray
+    """Posterior Cramer-Rao standard deviation (N+1, n), in the units of the states."""
     nees: np.ndarray
+    """Run-averaged e'P^-1 e (N+1,): n on average for an honest filter."""
     nees_interval: tuple[float, float]
+    """Its 95 % band (low, high): chi-square, R n degrees of freedom, over R."""
     in_band: float
+    """Share of the instants after the first quarter inside the band."""
     verdict: Consistency
+    """The same as a word: whether the filter's covariance tells the truth about its errors."""
     runs: int
+    """Number R of runs."""
     seed: int
+    """Seed of their noise."""
 
     @property
     def consistent(self) -> bool:

@@ -16,9 +16,13 @@ from obsdesign.signals import Signal
 
 @dataclass(frozen=True)
 class Polynomial:
-    """A disturbance class: every unknown input is a polynomial in time of this degree; 0 = constant. Raises InputError."""
+    """A disturbance class: every unknown input is a polynomial in time.
+
+    Verdicts for it are not verdicts for arbitrary inputs, whatever the degree. Raises InputError unless the degree is a count or 0.
+    """
 
     degree: int
+    """Degree of the polynomials; 0 = constant."""
 
     def __post_init__(self) -> None:
         require_count("degree", self.degree, least=0)

@@ -12,39 +12,43 @@ from obsdesign.errors import ExitCode, ObsdesignError
 
 @dataclass(frozen=True, eq=False)
 class Verdict(AbstractDisplay):
-    """What of the n states can be told from the outputs, their derivatives and the known inputs.
-
-    dimension: of the observable space; where not `decided`, the lower bound that is proven
-    observable: dimension == n
-    observable_states, unobservable_states: names of the states that are seen by themselves, and of the others
-    null_space (n, n - dimension): orthonormal basis of the hidden directions at the point `at` (n,); where these depend on
-        the unknown inputs, for one generic choice of them
-    hidden: the same in words
-    ranks: dimension after 0, 1, 2, ... steps, cut after the last growth: Lie derivatives of Omega_0, Omega_1, ... where their
-        expressions stay small, else derivatives of the outputs with respect to time
-    disturbance, known_inputs: the class of unknown and of known inputs for which this holds
-    stopped_by: "full" (rank n) | "criterion" (a sweep added nothing) | "cap" (as much as if the unknown
-        inputs were known; at a point: as much as nearby)
-        | "bound" (2n + 2 steps were made) | "stalled" (no growth for the orders tried, no proof)
-        | "precision" (the precision limit was reached, or it depends on how numbers are read that may be rounded)
-    generic: the verdict at generic points nearby, where a point was asked for and the two differ
-    decided: False where nothing is claimed beyond the lower bound; proof: what was proven, and how
-    """
+    """What of the n states can be told from the outputs, their derivatives and the known inputs."""
 
     dimension: int
+    """Dimension of the observable space; where not `decided`, the lower bound that is proven."""
     observable: bool
+    """Whether dimension == n."""
     observable_states: tuple[str, ...]
+    """Names of the states that are seen by themselves."""
     unobservable_states: tuple[str, ...]
+    """Names of the others."""
     null_space: np.ndarray
+    """Orthonormal basis (n, n - dimension) of the hidden directions at the point `at`; where these depend on the unknown inputs, for one
+    generic choice of them.
+    """
     hidden: str
+    """The same in words."""
     ranks: tuple[int, ...]
+    """Dimension after 0, 1, 2, ... steps, cut after the last growth: Lie derivatives of Omega_0, Omega_1, ... where their expressions stay
+    small, else derivatives of the outputs with respect to time.
+    """
     disturbance: str
+    """The class of unknown inputs for which this holds."""
     known_inputs: str
+    """The class of known inputs for which this holds."""
     at: np.ndarray
+    """The point (n,) that was looked at, in the units of the states."""
     stopped_by: str
+    """"full" (rank n) | "criterion" (a sweep added nothing) | "cap" (as much as if the unknown inputs were known; at a point: as much as
+    nearby) | "bound" (2n + 2 steps were made) | "stalled" (no growth for the orders tried, no proof) | "precision" (the precision limit
+    was reached, or it depends on how numbers are read that may be rounded).
+    """
     decided: bool
+    """False where nothing is claimed beyond the lower bound."""
     proof: str
+    """What was proven, and how."""
     generic: Verdict | None = None
+    """The verdict at generic points nearby, where a point was asked for and the two differ."""
 
     def _summary(self) -> Summary:
         n = self.null_space.shape[0]

@@ -35,13 +35,18 @@ ALLOWED = 1e-6  # by how much a margin, of order 1, may fall short
 
 @dataclass(frozen=True)
 class Shortfall:
-    """One limit that a path breaks: what it is, when [s], by how much and in which unit; margin < 0, of order 1."""
+    """One limit that a path breaks."""
 
     what: str
+    """The limit in words."""
     time: float
+    """When it is broken most [s]."""
     by: float
+    """By how much, in `unit`."""
     unit: str
+    """Unit of `by`."""
     margin: float
+    """The constraint's own margin there: < 0, of order 1."""
 
     def __str__(self) -> str:
         return f"{self.what}: missed by {self.by:.3g}{' ' * bool(self.unit)}{self.unit} at {self.time:.4g} s"

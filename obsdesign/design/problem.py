@@ -35,13 +35,15 @@ from obsdesign.trajectory import TOLERANCE, Trajectory
 @validate_arguments
 @dataclass(frozen=True)
 class Floor:
-    """lambda_min(S W S) of every stretch of `seconds` of the path is at least `value`, W about the state at its beginning.
+    """No part of the path hides the state: lambda_min(S W S) of every stretch is at least `value`, W about the state at its beginning.
 
-    Stretches begin every half of their length, so that none of the path hides the state.
+    Stretches begin every half of their length.
     """
 
     seconds: float
+    """Length of a stretch [s]."""
     value: float
+    """The least smallest eigenvalue, in scaled states."""
 
     def __post_init__(self) -> None:
         require_positive("floor: seconds", self.seconds)
@@ -56,9 +58,13 @@ class Robust:
     """
 
     prior: Prior
+    """Where x(t_0) may be."""
     samples: int = 16
+    """Number of draws."""
     worst: bool = True
+    """Whether the worst of the draws counts; False: their mean."""
     seed: int = 0
+    """Seed of the draws."""
 
     def __post_init__(self) -> None:
         require_count("robust: samples", self.samples)
@@ -73,36 +79,50 @@ class Robust:
 @validate_arguments
 @dataclass(frozen=True, eq=False)
 class DesignProblem(AbstractDisplay):
-    """Maximise criterion(S W S) minus prices over paths of one family, W from all samples of all sensors.
+    """Which path tells the most: maximise criterion(S W S) minus prices over the paths of one family, W from all samples of all sensors.
 
-    start (n,); duration [s], or (shortest, longest) to choose from; step [s]; bounds: input -> (low, high); rates: input ->
-    largest |du/dt| [unit/s]; scale (n,): the diagonal of S, what counts as one unit of each state (None = ones, usually the prior's
-    standard deviations); about: the states that are judged while the others are found as well, () = all: then W is the Schur
-    complement W_aa - W_ab W_bb^-1 W_ba; known (n, n): information about x(t_0) that is already there, added to W; weights (K, S):
-    how much the samples of each sensor count in each of K equal groups of steps, such as a schedule, None = all of them, once; at
-    most 1, the share of them that is there, for a sensor whose errors are not independent; tolerance: relative error of the
-    steps, as in simulate.
+    S = diag(scale). With `about`, W is the Schur complement W_aa - W_ab W_bb^-1 W_ba of the judged states a.
     Raises InputError for names, shapes and values that do not fit together.
     """
 
     system: AbstractSystem
+    """Vehicle and sensors."""
     start: ArrayLike
+    """Initial state (n,), in the units of the states."""
     duration: float | tuple[float, float]
+    """Length of the path [s], or (shortest, longest) to choose from."""
     step: float
+    """Length of a step [s]: inputs are held over it, samples fall on its ends."""
     path: AbstractPath
+    """The family of inputs that is searched."""
     bounds: Mapping[str, tuple[float, float]]
+    """Input -> (low, high), in its unit."""
     criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
+    """What is asked of S W S."""
     scale: ArrayLike | None = None
+    """The diagonal of S (n,), what counts as one unit of each state; None = ones, usually the prior's standard deviations."""
     constraints: tuple[AbstractConstraint, ...] = ()
+    """Limits on where the path goes and how."""
     rates: Mapping[str, float] = field(default_factory=dict)
+    """Input -> largest |du/dt| [unit/s]."""
     about: tuple[str, ...] = ()
+    """The states that are judged while the others are estimated as well; () = all."""
     prices: tuple[Price, ...] = ()
+    """What costs take off the criterion."""
     budgets: tuple[Budget, ...] = ()
+    """What costs may come to at most."""
     floor: Floor | None = None
+    """Information that every stretch of the path must have."""
     robust: Robust | None = None
+    """Judge the path from draws of a prior rather than from the start alone."""
     known: ArrayLike | None = None
+    """Information (n, n) about x(t_0) that is already there, added to W, in 1/(unit_i unit_j); None = none."""
     weights: ArrayLike | None = None
+    """How much the samples of each sensor count (K, S) in each of K equal groups of steps, such as a schedule; None = all of them, once. At
+    most 1, the share of them that is there, for a sensor whose errors are not independent.
+    """
     tolerance: float = TOLERANCE
+    """Relative error that steps may have, as in simulate, in (0, 1)."""
 
     def _summary(self) -> Summary:
         names = [state.name for state in self.system.model.states]

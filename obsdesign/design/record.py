@@ -19,56 +19,70 @@ class Cap:
     """An upper bound on lambda_min(S W S) of every path: the smallest eigenvalue of a block that no path changes."""
 
     value: float
+    """The bound."""
     states: tuple[str, ...]
+    """Names of the states of that block."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """One start of the solver: where it began, how it ended, the recomputed objective (NaN without an answer).
-
-    residual: projected gradient of the Lagrangian, in units of the objective; refined: False where the coarse path it came to was
-    left alone, as that of another start was better.
-    """
+    """One start of the solver: where it began and how it ended."""
 
     name: str
+    """What the initial guess is called."""
     status: Status
+    """How the solve ended."""
     value: float
+    """The recomputed objective; NaN without an answer."""
     iterations: int
+    """How many steps the solver made."""
     residual: float
+    """Projected gradient of the Lagrangian, in units of the objective."""
     refined: bool = True
+    """False where the coarse path it came to was left alone, as that of another start was better."""
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """A local optimum that one or several starts came to, by its objective."""
+    """A local optimum that one or several starts came to."""
 
     value: float
+    """Its objective."""
     starts: tuple[str, ...]
+    """Names of the starts."""
 
 
 @dataclass(frozen=True)
 class Robustness:
-    """The criterion over fresh draws of the prior, none of which the design has seen: their number, the worst, 5 %, mean."""
+    """The criterion over fresh draws of the prior, none of which the design has seen."""
 
     draws: int
+    """Number of draws."""
     worst: float
+    """The smallest value."""
     five_percent: float
+    """The value below which 5 % of the draws are."""
     mean: float
+    """The mean value, in the unit of the criterion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence(AbstractDisplay):
     """How much better another path might be: evidence, not proof.
 
-    estimate: the smallest value found, over matrices Z >= 0 of trace 1, of the largest <Z, S W S> that any path was found to have
-    (an upper bound if those were largest); Z (n, n), climbs: how many were made; remaining: 1 - value / estimate.
+    For Z >= 0 of trace 1, lambda_min(S W S) <= <Z, S W S>: the largest <Z, S W S> of all paths would be an upper bound for each Z.
     """
 
     estimate: float
+    """The smallest value found, over Z, of the largest <Z, S W S> that any path was found to have (a bound if those were largest)."""
     remaining: float
+    """1 - value / estimate."""
     Z: np.ndarray
+    """The matrix (n, n) that gave the estimate."""
     climbs: int
+    """How many local solves were made."""
     in_words: str
+    """The same as a sentence."""
 
     def _summary(self) -> Summary:
         return Summary(
@@ -78,31 +92,48 @@ class Evidence(AbstractDisplay):
 
 @dataclass(frozen=True, eq=False)
 class Design(AbstractDisplay):
-    """The best path found. value = criterion(S W S), recomputed by the analysis code; NaN without an answer.
+    """The best path found for a problem.
 
-    objective: what was maximised, the value (of the prior's draws where the problem is robust) minus prices. problem: with the
-    duration of the path. trajectory and information are None when no start found an answer; `starts` tells what each did,
-    `shortfalls` what stood in the way, `reason` the same in words. eigenvalues (2,): the two smallest of S W S.
+    value = criterion(S W S), recomputed by the analysis code. trajectory and information are None when no start found an answer; `starts`
+    tells what each did, `shortfalls` what stood in the way, `reason` the same in words.
     """
 
     problem: DesignProblem
+    """The problem solved, with the duration of the path."""
     trajectory: Trajectory | None
+    """The path; None without an answer."""
     information: Information | None
+    """What its samples say about x(t_0); None without an answer."""
     value: float
+    """The criterion, recomputed from the path; NaN without an answer."""
     status: Status
+    """How the solve ended."""
     starts: tuple[Start, ...]
+    """What each initial guess came to."""
     cap: Cap | None = None
+    """An upper bound on every path, where one is known."""
     objective: float = float("nan")
+    """What was maximised: the value (of the prior's draws where the problem is robust) minus prices."""
     p: np.ndarray | None = None
+    """Parameters (q,) of the path within its family, in the inputs' units."""
     eigenvalues: tuple[float, float] = (float("nan"), float("nan"))
+    """The two smallest eigenvalues of S W S."""
     residual: float = float("nan")
+    """Projected gradient of the Lagrangian at the answer, in units of the objective."""
     iterations: int = 0
+    """Steps of the solver that led to the answer."""
     seconds: float = 0.0
+    """Wall time [s]."""
     optima: tuple[Optimum, ...] = ()
+    """The distinct local optima, each with the starts that came to it."""
     robustness: Robustness | None = None
+    """The criterion over fresh draws of the prior, where the problem is robust."""
     evidence: Evidence | None = None
+    """How much better another path might be, where it was asked for."""
     shortfalls: tuple[Shortfall, ...] = ()
+    """The limits that stood in the way."""
     reason: str = ""
+    """Why there is no answer, in words; "" where there is one."""
 
     def _summary(self) -> Summary:
         problem, path = self.problem, self.trajectory

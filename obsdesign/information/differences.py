@@ -18,16 +18,16 @@ TOLERANCE = 1e-3  # relative error that an empirical Gramian may have and still 
 
 @dataclass(frozen=True, eq=False)
 class Perturbation(AbstractDisplay):
-    """What an eps does to an empirical Gramian; all relative to sqrt(W_ii W_jj), the largest over the entries.
-
-    difference: between the Gramians of eps and eps / 2; curvature: the part of the error that grows as eps^2; rounding: the rest,
-    which grows as 1/eps; suitable: both together are below 1e-3.
-    """
+    """What an eps does to an empirical Gramian; all errors are relative to sqrt(W_ii W_jj), the largest over the entries."""
 
     eps: np.ndarray
+    """The perturbation (n,), in the unit of each state."""
     difference: float
+    """Between the Gramians of eps and eps / 2."""
     curvature: float
+    """The part of the error that grows as eps^2."""
     rounding: float
+    """The rest of the error, which grows as 1/eps; `suitable` says that both together are below 1e-3."""
 
     def _summary(self) -> Summary:
         return Summary("perturbation of an empirical Gramian", (("result", self.sentence),))

@@ -30,32 +30,40 @@ _ROUND_OFF = 1e-12
 
 @dataclass(frozen=True)
 class Circle:
-    """The points at `radius` [m] from `centre` (x, y) [m]."""
+    """The points at one distance from a centre."""
 
     centre: Point
+    """Middle (x, y) [m]."""
     radius: float
+    """Distance [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class CircleResiduals(AbstractDisplay):
-    """How near a path comes to the circle C, and to staying on it, at each of its N steps; P is the position.
+    """How near a path comes to the circle C through three landmarks, and to staying on it, at each of its N steps.
 
-    t (N,) [s]; distance (N,): ||P - c| - r| [m]
-    residuals (N, K): d^k/dt^k (|P - c|^2 - r^2) [m^2/s^k], k = 0 .. K-1; a path along C has all of them 0
-    sigma_min (N,): smallest singular value of S W S, W what the samples of the window that begins here say about x(t_k);
-    NaN in the last steps, where no whole window is left
-    paper_relation (N, K): |d^k/dt^k (v_f, v_h)| / (d^k/dt^k omega) [m], the velocity along the vehicle's axes over the turn rate.
-    Relation (8) of the paper equates it with r for all k; inf stands for x/0, NaN for 0/0 and for systems without a heading. It is not
-    the condition: constant inputs are 0/0 for k > 0; the sign of v is lost (clockwise along C it is r where omega turns the
-    vehicle off C, -r where it keeps it on); moving along C without turning, forward and sideways by turns, it is inf
+    P is the position, c and r are the centre and radius of C; a path along C has all residuals 0.
+    paper_relation is relation (8) of Belo, Salaris and Bicchi 2010, which equates it with r for all k. It is not the condition: constant
+    inputs are 0/0 for k > 0; the sign of v is lost (clockwise along C it is r where omega turns the vehicle off C, -r where it keeps it
+    on); moving along C without turning, forward and sideways by turns, it is inf.
     """
 
     circle: Circle
+    """The circle C: centre (x, y) [m] and radius [m]."""
     t: np.ndarray
+    """Instants (N,) [s]."""
     distance: np.ndarray
+    """How far the path is from the circle (N,) [m]: ||P - c| - r|."""
     residuals: np.ndarray
+    """d^k/dt^k (|P - c|^2 - r^2), k = 0 .. K-1, (N, K) [m^2/s^k]."""
     sigma_min: np.ndarray
+    """Smallest singular value (N,) of S W S, W what the samples of the window that begins here say about x(t_k); NaN in the last steps,
+    where no whole window is left.
+    """
     paper_relation: np.ndarray
+    """|d^k/dt^k (v_f, v_h)| / (d^k/dt^k omega) (N, K) [m], the velocity along the vehicle's axes over the turn rate; inf stands for x/0,
+    NaN for 0/0 and for systems without a heading.
+    """
 
     def _summary(self) -> Summary:
         x, y = self.circle.centre

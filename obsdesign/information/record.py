@@ -18,21 +18,24 @@ from obsdesign.round_off import Sight, reweighed, rows_of, sight_of_sum
 
 @dataclass(frozen=True, eq=False)
 class Information(AbstractDisplay):
-    """blocks (N, S, n, n): block [k, s] is what sensor s, sampled at t_k, says about x(t_0); names: the S sensors.
+    """What the samples along a path say about its initial state x(t_0), by step and sensor.
 
     Weighted blocks are Fisher information, in 1/(unit_i unit_j). Where the errors of samples are independent, information adds up
     over steps and sensors, and so do the blocks. The samples of sensors whose errors are not (correlated in time, constant, joint)
     are in `samples` as well: `total`, `std`, `final` and `under` are exact for them, their blocks and those of `by_segment` are
     amounts from below: whichever of them are added up are no more than what those samples say together.
-    transition (n, n): Phi = dx(t_N)/dx(t_0), which carries information to the end of the path; None = not known.
-    origin: the system and path that it comes from, so that round-off can be told from information; None: by the blocks alone.
     """
 
     blocks: np.ndarray
+    """Block [k, s] of (N, S, n, n) is what sensor s, sampled at t_k, says about x(t_0)."""
     names: tuple[str, ...]
+    """Names of the S sensors."""
     transition: np.ndarray | None = None
+    """Phi = dx(t_N)/dx(t_0) (n, n), which carries information to the end of the path; None = not known."""
     samples: Samples | None = None
+    """The samples whose errors are not independent; None = there are none."""
     origin: Origin | None = None
+    """The system and path that it comes from, so that round-off can be told from information; None: by the blocks alone."""
 
     def __post_init__(self) -> None:
         blocks = self.blocks if isinstance(self.blocks, np.ndarray) and self.blocks.dtype == float else as_array("blocks", self.blocks)

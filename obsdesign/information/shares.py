@@ -29,18 +29,23 @@ _BULK = 0.7  # what a sentence calls most of what is known
 class Contributions(AbstractDisplay):
     """What K stretches of a path and S sensors add to what is known of n states.
 
-    std (n,): Cramer-Rao bound of each state, inf where hidden; shares (n, K, S): the part of 1/std^2 that each block brings,
-    summing to 1 for each state, NaN for a hidden one; weakest (n,): the unit vector, in scaled states, known least;
-    weakest_value: what is known along it; weakest_shares (K, S): who says it, summing to 1, NaN where nobody does.
+    1/std_i^2 = 1/(W^-1)_ii is a sum over blocks: `contributions` has the equation.
     """
 
     states: tuple[Signal, ...]
+    """The n states: names, units, which of them wrap."""
     sensors: tuple[str, ...]
+    """Names of the S sensors."""
     std: np.ndarray
+    """Cramer-Rao bound (n,) of each state, in the unit of the state; inf where hidden."""
     shares: np.ndarray
+    """The part of 1/std^2 that each block brings (n, K, S), summing to 1 for each state; NaN for a hidden one."""
     weakest: np.ndarray
+    """Unit vector (n,), in scaled states, of the direction known least."""
     weakest_value: float
+    """Information along it, the smallest eigenvalue of S W S."""
     weakest_shares: np.ndarray
+    """The part of that value that each block brings (K, S), summing to 1; NaN where there is none."""
 
     def to_dataframe(self) -> DataFrame:
         """Return a row for each state and a column for each sensor: its share of what is known of the state, over all stretches.

@@ -12,42 +12,48 @@ from obsdesign.status import Status
 
 @dataclass(frozen=True, eq=False)
 class OneSided:
-    """A path and a schedule, one chosen for the other; value of the two = criterion minus what switching takes; NaN without an answer.
-
-    schedule: certified for `design`'s path where that came first, else for the path that it was chosen on. objective: the value minus
-    the path's prices.
-    """
+    """A path and a schedule, one chosen for the other."""
 
     design: Design
+    """The path, and the problem it answers."""
     schedule: Schedule
+    """Certified for `design`'s path where that came first, else for the path that it was chosen on."""
     value: float
+    """Criterion of the two minus what switching takes; NaN without an answer."""
     objective: float
+    """The value minus the path's prices."""
 
 
 @dataclass(frozen=True, eq=False)
 class Joint(AbstractDisplay):
-    """The best path and schedule found together: design for that schedule (`design.problem.weights`), schedule certified for that path.
+    """The best path and schedule found together.
 
-    value = schedule.value, recomputed, of what is counted (design.value of what samples say together, where errors are not
-    independent); objective: that minus the path's prices, what was maximised; NaN without an answer.
-    path_first: the path designed for all sensors, then the best schedule for it. sensors_first: the best schedule on the shortest
-    path, or the straight one, then the path designed for it. alternation: the objective at the beginning and after every half step
-    of the alternation that led to the answer, never decreasing; origin: where that began; alternated: the best objective that
-    alternation reached from the two one-sided answers, without relaxed weights. status LOCALLY_OPTIMAL: neither the path alone
-    nor the schedule alone was found to be improved; GAP_OPEN: the rounds were used up before.
+    value = schedule.value, recomputed, of what is counted (design.value of what samples say together, where errors are not independent).
+    Status LOCALLY_OPTIMAL: neither the path alone nor the schedule alone was found to be improved; GAP_OPEN: the rounds ran out before.
     """
 
     design: Design
+    """The path, designed for that schedule (`design.problem.weights`)."""
     schedule: Schedule
+    """The schedule, certified for that path."""
     value: float
+    """Criterion of the two minus what switching takes; NaN without an answer."""
     objective: float
+    """What was maximised: the value minus the path's prices; NaN without an answer."""
     path_first: OneSided
+    """The path designed for all sensors, then the best schedule for it."""
     sensors_first: OneSided
+    """The best schedule on the shortest path, or the straight one, then the path designed for it."""
     alternation: tuple[float, ...]
+    """The objective at the beginning and after every half step of the alternation that led to the answer, never decreasing."""
     origin: str
+    """Where that alternation began."""
     alternated: float
+    """The best objective that alternation reached from the two one-sided answers, without relaxed weights."""
     status: Status
+    """How the search ended."""
     seconds: float
+    """Wall time [s]."""
 
     def _summary(self) -> Summary:
         rows = [

@@ -178,23 +178,37 @@ class Scenario(_Table):
     """A study as read from its file. Every angle may be given in degrees under its key with the suffix _deg."""
 
     title: str
+    """What the study is called."""
     question: str
+    """What it is to answer, in words."""
     seed: int = Field(default=0, ge=0)
+    """Seed of everything that is drawn."""
     vehicle: family_of(obsdesign.vehicles)  # pyright: ignore[reportInvalidTypeForm]
+    """What moves, by its kind and values."""
     sensors: tuple[family_of(obsdesign.sensors), ...] = Field(min_length=1)  # pyright: ignore[reportInvalidTypeForm]
+    """What measures, each by its kind and values."""
     start: dict[str, float]
+    """Initial value of each state, in its unit."""
     prior: dict[str, float] = Field(description="standard deviation of each state before the first measurement")
     process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
     time: Time
+    """Duration, step and segment [s]."""
     manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
+    """Ways of moving for which the observable space is computed."""
     baselines: tuple[Baseline, ...] = Field(default=(), description="paths to compare with; the first is the naive one")
     paths: tuple[GivenPath, ...] = Field(default=(), description="paths that are studied as they are; then nothing is designed")
     design: DesignTable = Field(default_factory=DesignTable)
+    """How to move: family of paths, limits, criterion."""
     selection: SelectionTable = Field(default_factory=SelectionTable)
+    """Which sensors when: number, rules, criterion."""
     validation: ValidationTable = Field(default_factory=ValidationTable)
+    """Monte Carlo runs of the filter."""
     codesign: CodesignTable | None = None
+    """Path and schedule chosen together; None = not asked for."""
     flight: FlightTable | None = None
+    """A flight with the filter in the loop; None = not asked for."""
     expected: tuple[Expected, ...] = ()
+    """Known truths that the result is compared with."""
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")
     digest: str = Field(default="", description="sha256 of the file; set by load_scenario")
 

@@ -22,15 +22,19 @@ _FRONTS = 60  # of the branch and bound for each sensor: a second or so
 
 @dataclass(frozen=True)
 class Loss:
-    """A sensor is lost: what the schedule is worth without it, what one chosen anew is worth, and what none is above.
+    """What losing one sensor costs a schedule: kept <= rechosen <= bound, but for rounding and rules that the lost sensor was part of.
 
-    kept, rechosen, bound: in the criterion's unit, less what switching costs; -inf where the rest sees too little for the criterion.
+    All in the criterion's unit, less what switching costs; -inf where the rest sees too little for the criterion.
     """
 
     sensor: int
+    """Index of the lost sensor."""
     kept: float
+    """What the schedule is worth without it."""
     rechosen: float
+    """What a schedule chosen anew from the others is worth."""
     bound: float
+    """What no schedule of the others is above, in the criterion's unit."""
 
 
 @validate_arguments

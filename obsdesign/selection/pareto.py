@@ -34,18 +34,25 @@ _ENDLESS = 1e30  # a budget that nothing exceeds
 
 @dataclass(frozen=True, eq=False)
 class Pareto(AbstractDisplay):
-    """The front: for each limit (P,) the best schedule found, what it spends and is worth (P,), and what none is above (P,).
+    """The front of information against what a budget counts, at P limits.
 
-    slopes, levels (Q,): schedules that spend at most E are worth at most min over q of levels_q + slopes_q E.
+    Schedules that spend at most E are worth at most min over q of levels_q + slopes_q E.
     """
 
     limits: np.ndarray
+    """The limits (P,) on what may be spent, in the budget's unit."""
     spent: np.ndarray
+    """What the best schedule found for each limit spends (P,)."""
     values: np.ndarray
+    """What it is worth (P,)."""
     bounds: np.ndarray
+    """What no schedule within the limit is above (P,)."""
     schedules: tuple[Schedule, ...]
+    """These P schedules."""
     slopes: np.ndarray
+    """Slopes (Q,) of the straight lines that no schedule is above, value per unit of the budget."""
     levels: np.ndarray
+    """Their values (Q,) where nothing is spent."""
 
     def to_dataframe(self) -> DataFrame:
         """Return a row for each limit: what the best schedule found spends and is worth, and what none is above.

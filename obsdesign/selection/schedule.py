@@ -21,38 +21,47 @@ _FORGIVEN = 1e-9  # of its largest entry: what rounding may do to the symmetry a
 
 @dataclass(frozen=True, eq=False)
 class Schedule(AbstractDisplay):
-    """Which sensors are on in which segment: chosen (K, S) bool, and how good that is.
+    """Which sensors are on in which segment, how good that is, and a proof that no schedule is much better.
 
     value = criterion(W), W the sum of what is known and the chosen blocks (the worst W where sensors may be lost), less what switching
-    costs; exactly 0 (-inf) where no block sees a direction, which `notes` then call hidden. bound >= value of every schedule that keeps
-    the rules; gap = 1 - value / bound (bound - value for a criterion like log det, whose differences count; relative to |bound| where
-    that is negative; 0 where both are one number). Status OPTIMAL: the gap is closed; GAP_OPEN: it is not.
+    costs; exactly 0 (-inf) where no block sees a direction, which `notes` then call hidden. gap = 1 - value / bound (bound - value for a
+    criterion like log det, whose differences count; relative to |bound| where that is negative; 0 where both are one number).
+    Status OPTIMAL: the gap is closed; GAP_OPEN: it is not.
 
     root_bound = UB(dual) >= bound, in closed form: criterion(W) <= <W, dual> + offset for every W, hence
     UB = offset + <known, dual> + prices'limits + max over schedules of (sum <W_ks, dual> - prices'usage - switching). For a smallest
-    eigenvalue dual is any Z >= 0 with trace 1 (of the judged states) and offset is 0: <W, Z> >= lambda_min(W). dual (n, n): what the
-    last bit of information is worth, by direction; (R, n, n), one for each set of lost sensors, with robust_to. prices (resources,):
-    what one more unit of a budget is worth.
-
-    forced_on, forced_off (K, S): how much the root bound falls when a sensor is forced on, or off, in a segment; inf: impossible.
-    fractional: segments that the relaxation leaves undecided. nodes: partial schedules that the proof looked at. notes: what went
-    otherwise than planned. All values are recomputed with NumPy; NaN where there is no answer.
+    eigenvalue dual is any Z >= 0 with trace 1 (of the judged states) and offset is 0: <W, Z> >= lambda_min(W).
+    All values are recomputed with NumPy; NaN where there is no answer.
     """
 
     chosen: np.ndarray
+    """True where a sensor is on (K, S), one row per segment."""
     value: float
+    """What the schedule is worth, in the criterion's unit."""
     bound: float
+    """What no schedule that keeps the rules is above, in the criterion's unit."""
     root_bound: float
+    """The bound before branch and bound, which `dual` proves by itself."""
     gap: float
+    """How far the value may be from the best."""
     dual: np.ndarray
+    """What the last bit of information is worth, by direction (n, n); (R, n, n), one for each set of lost sensors, with robust_to."""
     offset: float
+    """Constant of the linear bound criterion(W) <= <W, dual> + offset."""
     prices: np.ndarray
+    """What one more unit of each budget is worth (resources,)."""
     forced_on: np.ndarray
+    """How much the root bound falls when a sensor is forced on in a segment (K, S); inf: impossible."""
     forced_off: np.ndarray
+    """The same when it is forced off (K, S)."""
     fractional: int
+    """Number of segments that the relaxation leaves undecided."""
     nodes: int
+    """Number of partial schedules that the proof looked at."""
     status: Status
+    """How the search ended."""
     notes: tuple[str, ...] = ()
+    """What went otherwise than planned, in words."""
 
     def to_dataframe(self) -> DataFrame:
         """Return a row for each segment and a column for each sensor, true where it is on.

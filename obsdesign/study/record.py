@@ -131,28 +131,42 @@ class Check:
 
 @dataclass(frozen=True, eq=False)
 class Study(AbstractDisplay):
-    """The answers. designs[0] is for all sensors and is the path that selection and validation use; flight, joint: where asked for.
+    """The answers to the questions of a scenario.
 
-    problems: what is asked of a path, for each suite. Where paths are given, nothing is designed: designs is empty, `about` names
-    the path that selection and validation are about, `others` are the studies of the other paths; analyses and checks are empty where
-    only a schedule was asked for. notes: what is to be said about the paths.
+    Where paths are given, nothing is designed: designs is empty, and `others` are the studies of the other paths; analyses and checks are
+    empty where only a schedule was asked for.
     """
 
     scenario: Scenario
+    """What was asked."""
     seed: int
+    """Seed of everything that was drawn."""
     analyses: tuple[Analysis, ...]
+    """What each suite of sensors can see in each manoeuvre."""
     problems: tuple[DesignProblem, ...]
+    """What is asked of a path, for each suite."""
     designs: tuple[Design, ...]
+    """The paths found; designs[0] is for all sensors and is the one that selection and validation use."""
     weave: Weave | None
+    """The path of alternating turns to compare with; None without one."""
     candidates: tuple[Candidate, ...]
+    """All paths that are compared, each with its quality."""
     selection: Selection
+    """The schedule, and what naive ones are worth."""
     checks: tuple[Check, ...]
+    """Filter runs on paths under schedules."""
     seconds: Mapping[str, float]
+    """Question -> wall time [s]."""
     flight: Flight | None = None
+    """The flight, where it was asked for."""
     joint: Joint | None = None
+    """Path and schedule chosen together, where it was asked for."""
     about: str = DESIGNED
+    """Name of the path that selection and validation are about."""
     others: tuple[Study, ...] = ()
+    """Studies of the other given paths."""
     notes: tuple[str, ...] = ()
+    """What is to be said about the paths, in words."""
 
     def _summary(self) -> Summary:
         schedule = self.selection.schedule
