@@ -20,7 +20,7 @@ from scipy.interpolate import BSpline as Spline
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.climbing import Climbed, Task, climbed, families_of
-from obsdesign.design.infeasibility import why_unreachable
+from obsdesign.design.infeasibility import why_hidden, why_unreachable
 from obsdesign.design.limits import is_feasible, shortfalls
 from obsdesign.design.starts import start_inputs
 
@@ -459,6 +459,7 @@ def asked(*limits: AbstractConstraint, **changes: Any) -> od.DesignProblem:
     return od.DesignProblem(**{**base, **changes})
 
 
+RANGES = od.System(od.Dubins(1.0), tuple(od.Range(point, 1.0) for point in ((5.0, 7.0), (-3.0, 4.0), (2.0, -6.0))))
 SLOW_OR_FAST: dict[str, Any] = {
     "system": od.System(od.Unicycle(), (od.GPS(1.0),)),
     "bounds": {"speed": (0.2, 1.0), "turn_rate": (-0.5, 0.5)},
@@ -547,7 +548,8 @@ IMPOSSIBLE = {
         ("Goal: within 1 m of (-3, 0)",),
         10 * math.sin(1.0) + 3.0 - 1.0,
     ),
-    "a floor too high": (asked(floor=od.Floor(4.0, 1e6)), ("Floor: lambda_min of every 4 s at least 1e+06",), 1e5),
+    # what ranges say of a place depends on where it is: no entry of it is the same on all paths, so nothing is proven
+    "a floor too high": (asked(system=RANGES, floor=od.Floor(4.0, 1e6)), ("Floor: lambda_min of every 4 s at least 1e+06",), 1e5),
     # 6 s at 1 m/s for 4.24 m less 0.5 and another 6 m less 1; what the first falls short by shortens both
     "two points too far apart": (
         asked(od.Via((3.0, 3.0), 0.5, 0.0, 5.0), od.Via((3.0, -3.0), 0.5, 5.0, 6.0)),
@@ -572,6 +574,18 @@ def test_a_mission_that_nothing_can_fly_names_the_limit_the_amount_and_the_time(
     assert all(any(what.startswith(name) for name in names) for what, *_ in found)
     assert sum(float(amount) for _, amount, _, _ in found) >= least * (1 - 1e-2)
     assert all(0 <= float(time) <= problem.longest for *_, time in found)
+
+
+@pytest.mark.parametrize(("value", "is_possible"), [(4.0 - 1e-3, True), (4.0 + 1e-3, False), (1e6, False)])
+def test_a_floor_above_what_any_path_knows_of_a_place_is_refused_with_a_proof(value: float, is_possible: bool):
+    """Four samples of 1 m about x: W_xx = 4 whatever is flown, and lambda_min is at most any entry of the diagonal."""
+    problem = asked(floor=od.Floor(4.0, value), scale=(1.0, 1.0, 100.0), bounds={"turn_rate": (-0.01, 0.01)})
+    why = why_hidden(problem)
+    assert (why == "") is is_possible
+    if not is_possible:
+        assert f"at least {value:g}: no path gets beyond 4, which is known of x, y on all of them" in why
+        design = od.design_trajectory(problem, starts=1, throw=False)
+        assert (design.status, design.reason) == (od.Status.INFEASIBLE, why)
 
 
 def test_what_would_have_to_give_is_named_exactly_where_it_is_known():

@@ -12,14 +12,18 @@ from obsdesign.constraints.goal import Goal
 from obsdesign.constraints.goal_pose import GoalPose
 from obsdesign.constraints.via import Via
 from obsdesign.costs.path_length import PathLength
+from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.design.caps import cap_of
 from obsdesign.design.feasibility import Sought, sought
 from obsdesign.design.limits import Shortfall, is_feasible, shortfalls
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.starts import shortest_inputs, shortest_time
+from obsdesign.paths.piecewise_constant import PiecewiseConstant
 
 # durations and bounds so many times what is asked are tried as a relaxation, from so many starts each
 _LONGER, _WIDER = (1.05, 1.1, 1.2, 1.3, 1.45, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0), (1.2, 1.5, 2.0, 3.0, 4.0)
-_TRIED, _HALVINGS = 8, 8
+_TRIED, _HALVINGS = 4, 8
+_TRIED_ON_FLOORS = 2  # where a start takes ten times as long
 _ROUNDING = 1e-6  # share of a budget by which a way must be longer to be called too long
 
 
@@ -98,6 +102,26 @@ def _turns_with(headings: np.ndarray, velocity: np.ndarray) -> bool:
     waves = np.column_stack([np.ones_like(headings), np.cos(headings), np.sin(headings)])
     left = velocity.T - waves @ np.linalg.lstsq(waves, velocity.T)[0]
     return bool(np.abs(left).max() <= 1e-9 * max(float(np.abs(velocity).max()), np.finfo(float).tiny))
+
+
+def why_hidden(problem: DesignProblem) -> str:
+    """Say that the first stretch of no path reaches the floor; "" if nothing is known.
+
+    lambda_min of its S W S is at most that of the block of it that no path changes (`cap_of`), the stretch being a path of its own.
+    """
+    floor = problem.floor
+    if floor is None:
+        return ""
+    stretch = replace(
+        problem, duration=floor.seconds, path=PiecewiseConstant(1), floor=None, constraints=(), rates={}, budgets=(), prices=(), about=(),
+        weights=None, known=None, robust=None, criterion=MinEigenvalue(),
+    )  # fmt: skip
+    cap = cap_of(stretch)
+    if cap is None or cap.value >= floor.value * (1 - _ROUNDING):
+        return ""
+    names = ", ".join(cap.states)
+    what = f"Floor: lambda_min of every {floor.seconds:g} s at least {floor.value:g}"
+    return f"{what}: no path gets beyond {cap.value:.4g}, which is known of {names} on all of them"
 
 
 # ---------------------------------------------------------------- after
@@ -197,4 +221,6 @@ def _tried(problem: DesignProblem, u: np.ndarray, seed: int) -> Sought:
     """Look for a path that keeps all limits, from inputs u stretched, the shortest way, and a few others."""
     shortest = shortest_inputs(problem)
     stretched = u[np.minimum(np.arange(problem.steps) * len(u) // problem.steps, len(u) - 1)]
-    return sought(problem, seed, (stretched, *([] if shortest is None else [shortest])), _TRIED)
+    return sought(
+        problem, seed, (stretched, *([] if shortest is None else [shortest])), _TRIED if problem.floor is None else _TRIED_ON_FLOORS
+    )

@@ -20,7 +20,7 @@ from obsdesign.design.choosing import chosen
 from obsdesign.design.climbing import Climbed, Task, climbed, families_of
 from obsdesign.design.evidence import evidence_for
 from obsdesign.design.feasibility import Sought, sought
-from obsdesign.design.infeasibility import explained, why_unreachable
+from obsdesign.design.infeasibility import explained, why_hidden, why_unreachable
 from obsdesign.design.limits import is_feasible
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.program import Program
@@ -32,6 +32,7 @@ from obsdesign.paths.dubins_path import DubinsPath
 from obsdesign.status import Status
 
 _SKIPPED = 20
+_FIRST, _ON_FLOORS = 3, 6  # with a floor: climbs that must not all end without an answer, and starts that a path is looked for from then
 _NEAR, _KEPT = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
 
 
@@ -58,7 +59,7 @@ def design_trajectory(
     if verdict.decided and not verdict.observable and not problem.about and not np.any(problem.known):
         raise UnobservableError(verdict)
     began = perf_counter()
-    unreachable = why_unreachable(problem)
+    unreachable = why_unreachable(problem) or why_hidden(problem)
     if unreachable:
         design = Design(problem, None, None, np.nan, Status.INFEASIBLE, (), reason=unreachable)
     else:
@@ -138,12 +139,16 @@ def _designed(problem: DesignProblem, starts: int, seed: int, executor: Executor
         if not within.keeps_all:
             gone = tuple(Start(name, Status.LOCALLY_INFEASIBLE, np.nan, 0, np.nan) for name, _ in named)
             return _Designed(Design(problem, None, None, np.nan, Status.LOCALLY_INFEASIBLE, gone, cap_of(problem)), within)
-    coarse = list(apply(climbed, [Task(problem, name, u, families[:1], len(families) == 1) for name, u in named]))
+    tasks = [Task(problem, name, u, families[:1], len(families) == 1) for name, u in named]
+    first = len(tasks) if problem.floor is None else _FIRST
+    coarse = list(apply(climbed, tasks[:first]))
+    if any(each.status.has_answer for each in coarse):
+        coarse += apply(climbed, tasks[first:])
     refined = coarse if len(families) == 1 else _refined(problem, families, coarse, executor)
     if any(each.status.has_answer and is_feasible(problem, each.path) for each in refined):
         return _Designed(chosen(problem, coarse, refined))
     if within is None:
-        within = sought(problem, seed, tuple(each.u for each in refined[:2]))
+        within = sought(problem, seed, tuple(each.u for each in refined[:2]), None if problem.floor is None else _ON_FLOORS)
     if within.keeps_all:
         return _Designed(_from_within(problem, within, coarse, refined))
     return _Designed(chosen(problem, coarse, refined, within), within)
