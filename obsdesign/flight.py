@@ -108,13 +108,24 @@ def fly(
     horizon: Horizon = "receding",
     iterations: int = ITERATIONS,
 ) -> Flight:
-    """Fly for `duration` [s], with a new plan every `every` [s] from the mean of an EKF, its information being the plan's prior.
+    """Fly in simulation with the filter in the loop: a new plan again and again, from what the filter believes.
 
-    The truth begins at a draw from the prior, or at `truth` (n,); process noise of psd (n,) or (n, n) [unit^2/s] and the sensors'
-    noise as in `validate`. Each plan is flown from the instant for which it was made: the time it takes counts for its deadline [s]
-    only. horizon, iterations: those of the `Planner`. The same seed, the same flight, save for seconds, without a deadline.
-    Raises InputError for values that do not fit, and what `Planner` raises; in flight only for a step that is too coarse for the truth
-    or for what the filter believes.
+    The mean of an EKF is the start of each plan, its information the plan's prior. The truth begins at a draw from the prior; process noise
+    and the sensors' noise are as in `validate`. Each plan is flown from the instant for which it was made: the time it takes counts for its
+    deadline only. The same seed, the same flight, save for seconds, without a deadline.
+
+    Arguments:
+        problem: what each plan answers.
+        prior: what is known of the initial state.
+        every: time from one plan to the next [s].
+        duration: length of the flight [s].
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        seed: seed of the truth and of all noise.
+        deadline: time that a plan may take [s]; None = any.
+        truth (n,): true initial state, in the units of the states; None = a draw from the prior.
+        horizon: "receding" or "shrinking", as in Planner.
+        iterations: of a plan after the first at most, as in Planner.
+    Raises InputError for values that do not fit, and what `Planner` raises; in flight nothing is raised.
     """
     steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
     if steps is None:

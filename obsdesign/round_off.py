@@ -65,9 +65,12 @@ def hidden_directions(W: np.ndarray, sizes: np.ndarray | None = None) -> np.ndar
 
 @validate_arguments
 def standard_deviations(J: ArrayLike, sizes: np.ndarray | None = None) -> np.ndarray:
-    """Return sqrt(diag(J^-1)) (..., n) in the units of the states; inf for a state that a hidden direction of J (..., n, n) moves.
+    """Return sqrt(diag(J^-1)) (..., n) in the units of the states; inf for a state that a hidden direction of J moves.
 
-    sizes (..., n): of what was added for each diagonal entry, None = the diagonal itself; see `spectrum`.
+    Arguments:
+        J (..., n, n): information, in 1/(unit_i unit_j).
+        sizes (..., n): of what was added for each diagonal entry, against which round-off is told; None = the diagonal itself; see
+            `spectrum`.
     """
     matrices = as_array("J", J)
     if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2]:

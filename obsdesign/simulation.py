@@ -23,11 +23,18 @@ from obsdesign.trajectory import TOLERANCE, Trajectory, path_of
 def simulate(
     system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: ArrayLike | None = None, *, tolerance: float = TOLERANCE
 ) -> Trajectory:
-    """Integrate xdot = g0 + f u + g w by RK4 with inputs held over each step of dt [s].
+    """Integrate xdot = g0 + f u + g w by RK4 with inputs held over each step.
 
-    x0 (n,), u (N, m) for the known inputs, w (N, p) for the unknown ones (None = 0), which the path keeps. Headings stay
-    continuous. Each step is made of as many sub-steps as it takes for states and sensitivities to have a relative error below
-    the tolerance, which the path keeps too; of an exact one where rates are linear with constant coefficients.
+    Headings stay continuous. Each step is made of as many sub-steps as it takes for states and sensitivities to have a relative error below
+    the tolerance; of an exact one where rates are linear with constant coefficients.
+
+    Arguments:
+        system: what moves.
+        x0 (n,): initial state, in the units of the states.
+        u (N, m): known inputs, in their units.
+        dt: length of a step [s].
+        w (N, p): unknown inputs, in their units, which the path keeps; None = 0.
+        tolerance: relative error of the steps, in (0, 1), which the path keeps too.
     Raises InputError for wrong shapes, values that are not finite, and a step too coarse for the dynamics, with one that would do.
     """
     require_positive("dt", dt)

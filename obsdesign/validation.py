@@ -112,13 +112,23 @@ def validate(
     executor: Executor | None = None,
     disturbance_psd: ArrayLike | None = None,
 ) -> Validation:
-    """Run an EKF on `runs` simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
+    """Run an EKF on simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
-    Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise of psd (n,) or (n, n) [unit^2/s];
-    its samples have the sensors' correlated, joint and constant errors, and are missing out of range and view. Each filter
-    starts at a draw from N(x(t_0), P_0), knows the psd and how the errors come about, which it estimates with the state, and takes
-    unknown inputs as 0: only the bound is that of somebody who knows them.
-    schedule: Schedule, (K, S) bool, or None = all sensors on.
+    NEES e'P^-1 e, averaged over the runs, is n for an honest filter; RMSE is compared with sqrt(diag(J^-1)).
+    Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise; its samples have the sensors' correlated,
+    joint and constant errors, and are missing out of range and view. Each filter starts at a draw from N(x(t_0), P_0), knows the psd and
+    how the errors come about, which it estimates with the state, and takes unknown inputs as 0: only the bound is that of somebody who
+    knows them.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path that is flown.
+        schedule: a Schedule, (K, S) bool, or None = all sensors on.
+        prior: its covariance is P_0, that of the filters' starts.
+        runs: number of flights, at least 1.
+        seed: seed of their noise.
+        executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)

@@ -48,13 +48,20 @@ def observability(  # the public contract
 ) -> Verdict:
     """Return what the outputs of the system, all their derivatives and the known inputs tell about the state.
 
-    at: None = at a generic point (drawn from seed), or a state (n,); with a polynomial disturbance also the augmented state
-    held: known inputs kept at a value
-    disturbance: what the unknown inputs may be: "arbitrary" smooth functions of time, or Polynomial(degree)
-    known_inputs: "any", switching ones included, under each of which the unknown inputs are the same; "smooth": one smooth
-    signal, to which the unknown inputs may react
-    method: "jets" = unknown inputs as free jets up to `orders` (None: until nothing was added for n orders): a lower bound,
-    computed another way
+    The rank, in exact arithmetic, of the gradients of the outputs' Lie derivatives; unknown inputs are eliminated by the rescaled fields
+    and autobrackets of Martinelli's recursion, or counted as free jets.
+
+    Arguments:
+        system: vehicle and sensors, or a system of one's own.
+        at (n,): the state that is asked about, in the units of the states; with a polynomial disturbance also the augmented state;
+            None = a generic point (drawn from seed).
+        held: known inputs kept at a value, by name, in their units.
+        disturbance: what the unknown inputs may be: "arbitrary" smooth functions of time, or Polynomial(degree).
+        known_inputs: "any", switching ones included, under each of which the unknown inputs are the same; "smooth": one smooth
+            signal, to which the unknown inputs may react.
+        seed: seed of the generic points.
+        method: "recursion", or "jets" = unknown inputs as free jets: a lower bound, computed another way.
+        orders: up to which order the jets go; None = until nothing was added for n orders.
     Raises InputError for values that are not accepted, a system without sensors, a point outside a function's domain.
     Source: Hermann and Krener 1977; Martinelli, IROS 2017; Belo, Salaris and Bicchi 2010.
     """

@@ -47,10 +47,18 @@ def design_trajectory(
 ) -> Design:
     """Return the best of several locally optimal paths, every claim recomputed from the path itself.
 
-    Gate: a system whose sensors cannot see the whole state on any path is refused. Starts climb in a coarse family first; the best
-    are refined. evidence: climbs that ask how much better another path might be. Each climb is one task for the executor.
-    Raises UnobservableError, and SolveError when no start ends in an answer (throw=False: the failed Design instead).
-    Source: matrix inequality W - t I >= 0 for the smallest eigenvalue; Brace and Morgansen for the aim.
+    max over parameters p of criterion(S W(p) S) - prices, within the limits; the smallest eigenvalue as max t with W - t I >= 0.
+    A system whose sensors cannot see the whole state on any path is refused first. Starts are solved in a coarse family; the best
+    are refined.
+
+    Arguments:
+        problem: what is asked of the path.
+        starts: number of initial guesses.
+        seed: seed of the random ones.
+        executor: runs the local solves, one task each; the answer is the same for any number of workers.
+        throw: False = return the failed Design instead of raising SolveError.
+        evidence: number of local solves that ask how much better another path might be; 0 = none.
+    Raises UnobservableError, and SolveError when no start ends in an answer. Source of the aim: Brace and Morgansen.
     """
     require_count("starts", starts)
     require_count("seed", seed, least=0)

@@ -51,6 +51,12 @@ def perturbation(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4
     """Judge an eps by the empirical Gramians of eps and eps / 2, and by the variational one, which has no eps.
 
     Curvature falls to a quarter from eps to eps / 2; what does not fall is rounding, and so is its share of what falls less.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path about whose start the Gramians are.
+        eps: perturbation in the unit of each state, > 0, one number or (n,).
+        weighted: False = without R, as in empirical_gramian.
     Raises InputError as empirical_gramian.
     """
     size = perturbation_of(system, eps)

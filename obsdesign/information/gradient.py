@@ -34,9 +34,17 @@ def information_value(
     w: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> float:
-    """Return criterion(S W S) of the path from x0 (n,) under u (N, m); scale (n,): the diagonal of S, None = ones.
+    """Return criterion(S W S) of the path from an initial state under given inputs, W its variational Gramian.
 
-    w (N, p): what the unknown inputs are, None = 0; tolerance: relative error of the steps, as in simulate.
+    Arguments:
+        system: vehicle and sensors.
+        x0 (n,): initial state, in the units of the states.
+        u (N, m): known inputs, held over each step, in their units.
+        dt: length of a step [s].
+        criterion: what is asked of S W S.
+        scale (n,): the diagonal of S, what counts as one unit of each state; None = ones.
+        w (N, p): unknown inputs, in their units; None = 0.
+        tolerance: relative error of the steps, as in simulate.
     Raises InputError as simulate and variational_gramian.
     """
     start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
@@ -68,11 +76,21 @@ def information_gradient(
     w: ArrayLike | None = None,
     tolerance: float = TOLERANCE,
 ) -> tuple[float, np.ndarray]:
-    """Return criterion(S W S) and its gradient (N, m) with respect to the inputs u (N, m), the unknown ones w (N, p) given.
+    """Return criterion(S W S) and its gradient (N, m) with respect to the known inputs, per unit of each.
 
-    The adjoint of the walk (x, Phi, W): with Z the criterion's slope, d value = <Z, dW>, x and Phi (and what is remembered of
+    The adjoint of the recursion (x, Phi, W): with Z the criterion's slope, d value = <Z, dW>, x and Phi (and what is remembered of
     errors that are not independent) are carried back from the last step to the first. Where eigenvalues coincide the slope of
-    lambda_min is one of its supergradients. tolerance: as in simulate.
+    lambda_min is one of its supergradients.
+
+    Arguments:
+        system: vehicle and sensors.
+        x0 (n,): initial state, in the units of the states.
+        u (N, m): known inputs, held over each step, in their units.
+        dt: length of a step [s].
+        criterion: what is asked of S W S.
+        scale (n,): the diagonal of S, what counts as one unit of each state; None = ones.
+        w (N, p): unknown inputs, in their units; None = 0.
+        tolerance: relative error of the steps, as in simulate.
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
     start, known, unknown, S = _checked(system, x0, u, w, dt, scale)

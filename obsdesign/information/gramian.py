@@ -44,11 +44,17 @@ _Sampler = Callable[[np.ndarray, np.ndarray, _Pace, bool], np.ndarray]
 
 @validate_arguments
 def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool = True) -> Information:
-    """W = sum_k sum_s Phi_k' C_sk' R_s^-1 C_sk Phi_k over the samples of each sensor, with Phi_{k+1} = F_k Phi_k, Phi_0 = I.
+    """Return what the samples along a path say about its initial state, from derivatives along the path.
 
+    W = sum_k sum_s Phi_k' C_sk' R_s^-1 C_sk Phi_k over the samples of each sensor, with Phi_{k+1} = F_k Phi_k, Phi_0 = I.
     F is taken at the inputs that moved the path, `path.w` among them, all as if known: `posterior_information` is for those
-    that are not. This is Fisher information about x(t_0), inv(W) the Cramer-Rao bound. weighted=False: the integral of
-    Phi'C'C Phi dt over each step (Simpson's rule on half steps, order 4), whatever the sensors' rates.
+    that are not. This is Fisher information about x(t_0), inv(W) the Cramer-Rao bound.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path along which samples are taken.
+        weighted: False = the integral of Phi'C'C Phi dt over each step (Simpson's rule on half steps, order 4), whatever the sensors'
+            rates.
     Raises InputError for paths that do not fit the system and for a path through a landmark.
     """
     require_fit(system, path)
@@ -78,11 +84,17 @@ def _coloured_gramian(system: AbstractSystem, path: Trajectory) -> Information:
 
 @validate_arguments
 def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
-    """W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
+    """Return the Gramian from simulated differences of outputs, without derivatives.
 
+    W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
     What moves the path beside its inputs u and w, x_k+1 - f(x_k, u_k, w_k) in logs, moves the perturbed paths too.
-    eps: in the unit of each state, one number or (n,). weighted=False: the integral without R, Brace and Morgansen eq. (3).
     `perturbation` tells whether an eps is neither so small that rounding shows nor so large that curvature does.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path about whose start W is.
+        eps: perturbation in the unit of each state, > 0, one number or (n,).
+        weighted: False = the integral without R, Brace and Morgansen eq. (3).
     Raises InputError as variational_gramian, and unless eps > 0.
     """
     require_fit(system, path)

@@ -79,11 +79,14 @@ class CircleResiduals(AbstractDisplay):
 
 @validate_arguments
 def landmark_circle(landmarks: Sequence[Point]) -> Circle:
-    """Return the circle C through three landmarks (x, y) [m].
+    """Return the circle C through three landmarks.
 
     With unknown constant inputs three bearings and their first derivatives have dependent gradients on C; all derivatives do
-    where the vehicle stays on it. Raises InputError unless there are three, not on one line.
-    Source: Belo, Salaris and Bicchi 2010, section IV-B.
+    where the vehicle stays on it.
+
+    Arguments:
+        landmarks: three points (x, y) [m], not on one line.
+    Raises InputError for others. Source: Belo, Salaris and Bicchi 2010, section IV-B.
     """
     return Circle(*circle_through([as_pair("landmark", point) for point in landmarks]))
 
@@ -100,10 +103,16 @@ def circle_residuals(
 ) -> CircleResiduals:
     """Return how near a path comes to the circle C through three landmarks, and to staying on it, step by step.
 
-    Residuals are Lie derivatives along drift + B u + G w at (x_k, u_k, w_k): inputs are held over a step. sigma_min takes inputs
-    for known; what nobody knows must be a state, as the slips of Omnidirectional("constant").
-    landmarks: None = those of the system's sensors; orders: K >= 1; window [steps]: of the information behind sigma_min,
-    None = three samples of the slowest sensor, at most the path; scale (n,): the diagonal of S, None = ones.
+    Residuals d^k/dt^k (|P - c|^2 - r^2) are Lie derivatives along drift + B u + G w at (x_k, u_k, w_k): inputs are held over a step.
+    sigma_min takes inputs for known; what nobody knows must be a state, as the slips of Omnidirectional("constant").
+
+    Arguments:
+        system: vehicle and sensors, with states x and y [m].
+        path: the path that is looked at.
+        landmarks: three points (x, y) [m]; None = those of the system's sensors.
+        orders: number K >= 1 of residuals, k = 0 .. K-1.
+        window: steps of the information behind sigma_min; None = three samples of the slowest sensor, at most the path.
+        scale (n,): the diagonal of S, what counts as one unit of each state; None = ones.
     Raises InputError unless there are three landmarks not on one line, and states x and y. Source: Belo, Salaris and Bicchi 2010.
     """
     require_fit(system, path)

@@ -45,7 +45,14 @@ def posterior_information(
     unknown_inputs. Computed with square roots of J, so that what is lost to an unknown input is lost to the last digit.
     Errors of samples that are correlated, constant or joint are nuisance states, which are eliminated: J = (P_xx)^-1 of the filter
     that knows how they come about; see `Errors`. A sensor that is off lets them go on.
-    disturbance_psd: None, (n,) or (n, n) in unit^2/s, Q = psd * step; active (N, S) bool: which sensors are on, None = all.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path along which samples are taken.
+        prior: what is known of x(t_0).
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * step; None = none.
+        unknown_inputs: names of the inputs of which nothing is known.
+        active (N, S): bool, which sensors are on; None = all.
     Raises InputError for shapes that do not fit, unknown names, and unknown inputs of which a combination leaves no trace in
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
     """
@@ -68,9 +75,17 @@ def unknown_input_information(
 ) -> np.ndarray:
     """Return (N, p, p), the information about the unknown inputs w_k, held from t_k to t_k+1, of all samples along the path.
 
-    In the order of the names given. With J_k what is known of x(t_k) then, and L_k+1 what later samples say about x(t_k+1) when
-    later inputs are unknown too, J_w = B'L B - B'L F (J_k + F'L F)^# F'L B. Zero where w_k leaves no trace: the last inputs
-    always. In 1/unit^2 per step.
+    In the order of the names given, in 1/unit^2 per step. With J_k what is known of x(t_k) then, and L_k+1 what later samples say about
+    x(t_k+1) when later inputs are unknown too, J_w = B'L B - B'L F (J_k + F'L F)^# F'L B. Zero where w_k leaves no trace: the last inputs
+    always.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path along which samples are taken.
+        prior: what is known of x(t_0).
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        unknown_inputs: names of the p inputs of which nothing is known, at least one.
+        active (N, S): bool, which sensors are on; None = all.
     Raises InputError as posterior_information, and without unknown inputs.
     """
     if not unknown_inputs:

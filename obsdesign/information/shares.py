@@ -81,11 +81,17 @@ class Contributions(AbstractDisplay):
 def contributions(
     system: AbstractSystem, information: Information, segments: int | None = None, scale: ArrayLike | None = None
 ) -> Contributions:
-    """Return who says what about x(t_0), over K equal segments (None = every step); scale (n,): units of the weakest direction.
+    """Return who says what about x(t_0): the part of each segment and sensor in the knowledge of each state.
 
     What is known of state i is 1/(W^-1)_ii = v'W v, v = W^-1 e_i / (W^-1)_ii: a sum over blocks, v'W_ks v >= 0 each. It is also
     how much the knowledge would grow with the weight of that block. Where errors are not independent, a sample is credited with what
     it says beyond those before it (and, in joint noise, beside it): the sum is the exact one.
+
+    Arguments:
+        system: vehicle and sensors.
+        information: what the samples of a path say, as variational_gramian returns it.
+        segments: number K of equal segments, which divides the steps; None = every step.
+        scale (n,): what counts as one unit of each state in the weakest direction; None = ones.
     Raises InputError for segments that do not divide the steps.
     """
     states = system.model.states

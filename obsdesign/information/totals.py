@@ -123,10 +123,16 @@ def _summed(one: Stepped) -> tuple[Packing, ca.SX, ca.SX]:
 
 @validate_arguments
 def segment_information(system: AbstractSystem, path: Trajectory, segments: int) -> np.ndarray:
-    """Return (K, S, n, n): what `variational_gramian(system, path).by_segment(K)` is, in memory that does not grow with the steps.
+    """Return (K, S, n, n), the information of each segment and sensor, in memory that does not grow with the steps.
 
-    Block [k, s] is the information about x(t_0) of the samples of sensor s in the k-th of K equal groups of steps; of sensors whose
-    errors are not independent an amount from below for every schedule, `path_information` the exact value.
+    It is `variational_gramian(system, path).by_segment(K)`: block [k, s] is the information about x(t_0) of the samples of sensor s in
+    the k-th of K equal groups of steps; of sensors whose errors are not independent an amount from below for every schedule,
+    `path_information` the exact value.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path along which samples are taken.
+        segments: number K of segments, which divides the number of steps.
     Raises InputError as variational_gramian, and unless K divides the number of steps.
     """
     require_fit(system, path)
@@ -193,13 +199,19 @@ def batch_information(
     *,
     tolerance: float = TOLERANCE,
 ) -> np.ndarray:
-    """Return W (M, S, n, n), the variational Gramian of each sensor about each of M starts (M, n), every path simulated.
+    """Return W (M, S, n, n), the variational Gramian of each sensor about each of M starts, every path simulated.
 
-    u (N, m) for all or (M, N, m) for each; w (N, p), (M, N, p) or None = 0, unknown inputs. system: one for all, or M systems
-    with the same states, inputs and number of sensors, such as one system with other parameters; each that differs is built anew
-    (some 20 ms), so a parameter that varies from start to start is better a state that stays constant. executor: any
-    concurrent.futures.Executor of processes; the answer is the same for any number of them. tolerance: relative error of the
-    steps, as in simulate.
+    W = sum_k Phi_k' C_k' R^-1 C_k Phi_k, as `variational_gramian` has it, for many paths at once.
+
+    Arguments:
+        system: one for all, or M systems with the same states, inputs and number of sensors, such as one system with other parameters;
+            each that differs is built anew (some 20 ms): a parameter that varies from start to start is better a constant state.
+        starts (M, n): initial states, in the units of the states.
+        u: known inputs (N, m) for all starts or (M, N, m) for each, in their units.
+        dt: length of a step [s].
+        w: unknown inputs (N, p) or (M, N, p), in their units; None = 0.
+        executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
+        tolerance: relative error of the steps, as in simulate.
     Raises InputError for shapes that do not fit, values that are not finite, and a path through a landmark.
     """
     require_positive("dt", dt)

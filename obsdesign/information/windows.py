@@ -30,6 +30,11 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     Of two stretches, one after the other, (F, W) and (F', W'), the whole is (F' F, W + F'W'F): stretches of 1, 2, 4, ...
     steps are built for all k at once, so that the work grows as N log(window), and nothing is inverted. Where errors are not
     independent, each window is walked through by itself: a window knows nothing of the errors before it.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path along which samples are taken, of N steps.
+        window: number of steps in a window, 1 to N.
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)

@@ -44,16 +44,25 @@ def codesign(
     executor: Executor | None = None,
     throw: bool = True,
 ) -> Joint:
-    """max over paths p and schedules s of criterion(S (known + sum_ks s_ks W_ks(p)) S), at most per_segment sensors on in each segment.
+    """Choose a path and a schedule of its sensors together.
 
-    `known` and the states that are judged are the problem's.
+    max over paths p and schedules s of criterion(S (sum_ks s_ks W_ks(p)) S), at most per_segment sensors on in each of K segments.
     Both one-sided answers come first. From each, path and schedule are improved in turn; then from there, and from `starts` other
-    paths, both climb together with weights s in [0, 1] and are rounded by the selection on the path so found; the best few are
+    paths, both are optimised together with weights s in [0, 1] and are rounded by the selection on the path so found; the best few are
     improved in turn again. The answer is the best of all, so never below a one-sided one; it is a local optimum.
-    rules: as for select_sensors.
-    Each climb is one task for the executor; the answer is the same for any number of workers.
+
+    Arguments:
+        problem: the design problem, of one duration.
+        segments: number K of equal segments, which divides the steps.
+        per_segment: how many sensors may be on at a time.
+        rules: what schedules have to keep, as for select_sensors.
+        starts: number of other paths that the joint search begins from.
+        rounds: largest number of turns of path and schedule.
+        seed: seed of these paths.
+        executor: runs the local solves, one task each; the answer is the same for any number of workers.
+        throw: False = return a failed Joint instead of raising SolveError.
     Raises InputError for a range of durations, a criterion that is not additive over sensors, segments that do not divide the
-    steps; UnobservableError, and SolveError where no path and schedule were found (throw=False: the failed Joint instead).
+    steps; UnobservableError, and SolveError where no path and schedule were found.
     """
     require_count("starts", starts)
     question = Question(problem, segments, per_segment, tuple(rules), seed, rounds)

@@ -22,6 +22,10 @@ def write_report(folder: str | Path, study: Study) -> Result:
     """Write report.html, result.json, trajectory.csv and schedule.csv of a study; return what result.json holds.
 
     Everything is written under temporary names in the folder and renamed at the end.
+
+    Arguments:
+        folder: where to write; it is made where there is none.
+        study: the study, as run returns it.
     Raises InputError for a folder that cannot be written.
     """
     folder = Path(folder)

@@ -28,6 +28,8 @@ _OWN = ("file", "digest")  # fields of the record that are no keys of the file
 def load_scenario(file: str | Path) -> Scenario:
     """Read and check a scenario; runs no code and starts no solver.
 
+    Arguments:
+        file: path of a TOML file.
     Raises ScenarioError for a file that cannot be read, for TOML that is none (line and column), and for every key that is
     unknown, missing or has a value that is not accepted: all of them in one message.
     """

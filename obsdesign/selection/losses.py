@@ -52,7 +52,19 @@ def sensor_losses(
 ) -> tuple[Loss, ...]:
     """Return for each sensor what losing it costs the schedule, and what is left when the others are chosen anew.
 
-    The arguments are those of select_sensors. kept <= rechosen <= bound, but for rounding and rules that the lost sensor was part of.
+    kept <= rechosen <= bound, but for rounding and rules that the lost sensor was part of. The arguments are those of select_sensors.
+
+    Arguments:
+        blocks (K, S, n, n): information of each segment and sensor, scaled.
+        schedule: the schedule that loses its sensors.
+        per_segment: how many sensors may be on at a time.
+        rules: what schedules have to keep.
+        criterion: what is asked of the sum; None = MinEigenvalue().
+        segments: the names, times and places that rules speak of.
+        known (n, n): information that is there without a sensor, scaled; None = none.
+        about: indices of the states that are judged; None = all.
+        gap: how near to the best each new schedule is to be proven.
+    Raises InputError for the same reasons as select_sensors.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
     instance = posed(array, per_segment, tuple(rules), criterion or MinEigenvalue(), 0, segments, known=known, about=about)

@@ -90,9 +90,22 @@ def pareto(
 ) -> Pareto:
     """Return the certified front of information against what a budget counts, from little to all that is of use.
 
-    budget: its costs count; its limit is replaced by `points` others, from the least with which a schedule sees the whole state to
-    what the best schedule without a limit spends. The other arguments are those of select_sensors. Each limit begins with the duals
-    of the one before. Raises InputError for the same reasons.
+    The limits go from the least with which a schedule sees the whole state to what the best schedule without a limit spends. Each
+    begins with the duals of the one before. The other arguments are those of select_sensors.
+
+    Arguments:
+        blocks (K, S, n, n): information of each segment and sensor, scaled.
+        budget: its costs count; its limit is replaced by those of the front.
+        per_segment: how many sensors may be on at a time.
+        points: number P of limits.
+        rules: what schedules have to keep.
+        criterion: what is asked of the sum; None = MinEigenvalue().
+        segments: the names, times and places that rules speak of.
+        known (n, n): information that is there without a sensor, scaled; None = none.
+        about: indices of the states that are judged; None = all.
+        gap: how near to the best each schedule is to be proven.
+        seed: seed of the search.
+    Raises InputError for the same reasons as select_sensors.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
     require_count("points", points, least=2)

@@ -62,22 +62,30 @@ def select_sensors(
     segments: Segments | None = None,
     throw: bool = True,
 ) -> Schedule:
-    """max criterion(sum_k sum_s chosen_ks W_ks) with at most per_segment sensors on in each segment, within the rules, with a proof.
+    """Choose which sensors are on in which segment, with a proof of how good the choice is.
 
-    blocks (K, S, n, n), symmetric and >= 0, in any unit (scale them first: S W S). criterion: MinEigenvalue() (the default), LogDet(),
-    TraceInverse(). robust_to: how many sensors may be lost, whichever they are: the value is that of the worst loss. segments: the
-    names, times and places that rules speak of. known (n, n): information that is there without a sensor, added to every sum. about:
-    indices of the states that are judged, None = all: the criterion is that of W_aa - W_ab W_bb^-1 W_ba, with the others found too.
+    max criterion(known + sum_k sum_s chosen_ks W_ks), at most per_segment sensors on in each segment, within the rules.
 
-    method "auto": dual column generation, rounding and exchange, branch and bound, until the gap is closed or so much work is done
-    (the same on every machine); "columns": without branch and bound; "direct": the relaxation by CVXPY and Clarabel in one piece,
-    without branch and bound, a second opinion for small problems. time_limit [s] stops any of them with what it has; where branch and
-    bound would not be done by then, another kind of it goes on from a sixth of that time, or where a segment has many ways an integer
-    program (HiGHS), and notes say whose bound it is.
-    Status OPTIMAL when gap is reached, else GAP_OPEN.
-
-    Raises InputError for bad blocks and for rules that leave no choice, SolveError when no solver has an answer (throw=False: the
-    failed Schedule). Source: Brace and Morgansen, eq. (12), with the bounds of Lagrangian duality.
+    Arguments:
+        blocks (K, S, n, n): information W_ks of each segment and sensor, symmetric and >= 0, in any unit (scale them first: S W S).
+        per_segment: how many sensors may be on at a time.
+        rules: what schedules have to keep, and what switching costs.
+        criterion: MinEigenvalue() (None), LogDet() or TraceInverse().
+        known (n, n): information that is there without a sensor, added to every sum, in the blocks' units; None = none.
+        about: indices of the states that are judged: the criterion is that of W_aa - W_ab W_bb^-1 W_ba, with the others estimated too;
+            None = all.
+        method: "auto": dual column generation, rounding and exchange, branch and bound, until the gap is closed or so much work is done
+            (the same on every machine); "columns": without branch and bound; "direct": the relaxation by CVXPY and Clarabel in one
+            piece, without branch and bound, a second opinion for small problems.
+        gap: how near to the best the schedule is to be proven; Status OPTIMAL when it is reached, else GAP_OPEN.
+        time_limit: stops any method with what it has [s]; None = never. Where branch and bound would not be done by then, an integer
+            program (HiGHS) goes on from a sixth of that time, and notes say whose bound it is.
+        seed: seed of the search.
+        robust_to: how many sensors may be lost, whichever they are: the value is that of the worst loss.
+        segments: the names, times and places that rules speak of.
+        throw: False = return the failed Schedule instead of raising SolveError.
+    Raises InputError for bad blocks and for rules that leave no choice, SolveError when no solver has an answer.
+    Source: Brace and Morgansen, eq. (12), with the bounds of Lagrangian duality.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
     if not (np.isfinite(gap) and gap >= 0):

@@ -30,8 +30,13 @@ Progress = Callable[[str], None]
 
 @validate_arguments
 def run(scenario: Scenario, seed: int | None = None, executor: Executor | None = None, progress: Progress | None = None) -> Study:
-    """Answer the questions of a scenario. seed: None = the scenario's.
+    """Answer the questions of a scenario: what the sensors see, which path, which schedule, what a filter makes of them.
 
+    Arguments:
+        scenario: what is asked, as load_scenario returns it.
+        seed: seed of everything that is drawn; None = the scenario's.
+        executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
+        progress: is called with what is being done; None = nobody is told.
     Raises UnobservableError when no path can make the state visible, SolveError when a solver fails or no path satisfies the
     limits, InputError for a scenario whose values do not fit together.
     """
