@@ -14,7 +14,7 @@ import numpy as np
 from obsdesign.model import Model
 from obsdesign.rank.graph import NotExactError, Ring, evaluate, instructions
 
-_CACHED = 64
+_CACHED = 64  # models that are remembered: trades memory for building a bound anew
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,6 +71,7 @@ def standard_deviations(J: ArrayLike, sizes: np.ndarray | None = None) -> np.nda
         J (..., n, n): information, in 1/(unit_i unit_j).
         sizes (..., n): of what was added for each diagonal entry, against which round-off is told; None = the diagonal itself; see
             `spectrum`.
+    Raises InputError for shapes that do not fit.
     """
     matrices = as_array("J", J)
     if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2]:

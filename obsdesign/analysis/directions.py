@@ -19,7 +19,7 @@ from obsdesign.sensors.abstract import Point
 from obsdesign.signals import Signal
 
 Kind = Literal["alone", "shift", "rotation", "scale", "combination"]
-ROUND_OFF = 1e-9
+ROUND_OFF = 1e-9  # relative: of the 16 digits of a double, rows as near to dependence as _DEPENDENT take 6, sums of many terms one more
 _DEPENDENT = 1e-6  # rows nearer to dependence than this leave a direction to less than ROUND_OFF
 _MANY = 4096
 """So many sets of rows are looked at: all of them where there are no more, else random ones."""

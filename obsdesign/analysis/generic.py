@@ -29,7 +29,7 @@ from obsdesign.rank.residues import values_modulo
 LEVELS = 2
 """Derivatives of the unknown inputs that are taken into the state where the outputs do not give the inputs away."""
 
-_SEEDS = 3
+_SEEDS = 3  # random places tried: one misleads with a chance of about degree / PRIME (Schwartz and Zippel); more only cost time
 
 
 def generic_finding(equations: Equations, smooth: bool, around: Surroundings) -> Finding:

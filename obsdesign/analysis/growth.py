@@ -23,7 +23,7 @@ from obsdesign.rank.balls import PRECISIONS
 from obsdesign.rank.elimination import Bound, Rank, first_without_value
 from obsdesign.rank.graph import NoValueError
 
-_SEEDS = 5
+_SEEDS = 5  # random places tried: another one is needed only where something has no value, such as 1 / 0
 _PLACES = 3
 """At so many real places the rank is looked for that it has modulo the prime."""
 

@@ -21,7 +21,7 @@ from obsdesign.errors import InputError
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError
 
-_SEEDS = 5
+_SEEDS = 5  # random places tried: another one is needed only where something has no value, such as 1 / 0
 
 
 def jets_finding(  # noqa: PLR0917

@@ -15,10 +15,12 @@ from obsdesign.analysis.places import Place
 
 LARGEST = 8.0
 """Arguments of exp, tanh, erf and exponents of powers up to this size are moderate."""
-_SWEEPS = 6
-_UNDEFINED = 1e6
+_SWEEPS = 6  # over all coordinates at most: more only cost time where none helps
+_UNDEFINED = 1e6  # above the sum over a thousand arguments, as log(1 + a) of a double is at most 710
+# _SCALES: 1e-12 to 1e12, the mildest first: by how much coordinates are scaled; more of them cost time
 _SCALES = 2.0 ** np.array(sorted(range(-40, 41), key=abs))
-_ZOOMS = 4
+_ZOOMS = 4  # grids, one after the other, each an eighth as wide as the one before
+# _GRID: spaced by 1 / 16 of the half width: the next grid, an eighth as wide, covers two spacings to either side of the best
 _GRID = np.linspace(-1, 1, 33)
 
 Excess = Callable[[np.ndarray], np.ndarray]  # states (n, k) -> (k,)

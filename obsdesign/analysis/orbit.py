@@ -23,8 +23,8 @@ from obsdesign.rank.numbers import as_ball
 from obsdesign.rank.taylor import Arguments, Flow
 
 _BITS, _TERMS, _ERROR = 1024, 40, arb(2) ** -600
-_HALVINGS = 80
-_STEPS = 2
+_HALVINGS = 80  # of a step, from the reach of its series: where 2^-80 of it is too long to enclose the flow, none is tried any more
+_STEPS = 2  # away from the point, along its orbit, with inputs drawn anew; each costs a series of the flow in balls
 
 
 def carried_rank(equations: Equations, place: Place, order: int, count: int, most: Bound, seed: int) -> Rank | None:

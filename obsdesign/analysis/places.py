@@ -23,7 +23,8 @@ from obsdesign.rank.symbols import PRIME, Symbols
 
 # Where random points are looked for: inside the domain of sqrt, log, acos and acosh first. Corners are whole numbers.
 _BOXES = ((0, 1), (-1, 1), (1, 3), (-3, -1), (-100, 100), (0, 1000))
-_DRAWS_PER_BOX = 3
+_DRAWS_PER_BOX = 3  # more of them find thinner domains, and take longer where there is none
+# _NEARNESS: how far from a point its neighbours are drawn: nearer and nearer, for points close to the edge of a domain
 _NEARNESS = tuple(Fraction(1, 2**k) for k in (10, 20, 30, 50, 80, 120))
 
 

@@ -20,7 +20,7 @@ _EXACT = 1e-8  # what integration may add to a margin of order 1
 _CLOSE = 1e-5  # a path whose margins differ by less from those of steps a tenth as long, 10^4 times as exact, needs no finer ones
 _ROUGH = 1e-6  # by how much polynomials of third and fifth degree may differ before an interval is halved
 _NEAR = 1e-2  # lower bounds of margins below this are looked into
-_HALVINGS = 12
+_HALVINGS = 12  # of an interval of time at most: after 4096 parts the least value is taken as it is
 
 
 @dataclass(frozen=True, eq=False)

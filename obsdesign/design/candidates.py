@@ -21,7 +21,7 @@ from obsdesign.vehicles.dubins import Dubins
 _SHAPES = 10  # starts of the climbs that are candidates too
 _MOST = 27  # combinations of held inputs
 _RADII = np.geomspace(1.0, 20.0, 16)  # of stretched curves, in least radii
-_HALVINGS = 12
+_HALVINGS = 12  # of a bracket of radii: to 1 / 4096 of it, as what is found is where a local solve begins
 
 
 def structured(problem: DesignProblem, seed: int) -> Iterator[np.ndarray]:

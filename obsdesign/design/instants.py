@@ -19,7 +19,7 @@ from obsdesign.step import CACHED
 _NOTHING, _EMPTY = np.empty((1, 0)), ca.SX(0, 1)
 # cells of an interval at whose ends a margin is looked at, in so many rounds, about the best instants of so many intervals
 _TRIED, _ROUNDS, _BASINS = 4, 3, 3
-_NEWTON = 3
+_NEWTON = 3  # steps from the best instant of the last round: near it each doubles the number of right digits
 _LEVEL = 1e-4  # share of the square root of its curvature by which a margin may still rise where it is called largest
 
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from obsdesign.design.program import Program
 
-_ITERATIONS = 60
+_ITERATIONS = 60  # damped steps at most; the search ends before where it is idle
 _INSIDE = 1e-4  # by how much more than 0 margins are wanted, so that the last step is not one of many
 _DAMPED, _LESS, _MORE, _MOST = 1e-2, 0.2, 5.0, 1e6
 _STUCK = 1e-3  # relative gain below which an iteration has come to nothing, so many times in a row
-_PATIENCE = 5
+_PATIENCE = 5  # idle iterations in a row: fewer would end where only the damping changes, more cost time where nothing can be repaired
 
 
 @dataclass(frozen=True, eq=False)

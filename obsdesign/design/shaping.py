@@ -31,7 +31,7 @@ from obsdesign.paths.abstract import AbstractPath
 from obsdesign.paths.dubins_path import DubinsPath
 from obsdesign.status import Status
 
-_SKIPPED = 20
+_SKIPPED = 20  # starts without a value that are left out; after so many the others are tried all the same
 _FIRST, _ON_FLOORS = 3, 6  # with a floor: climbs that must not all end without an answer, and starts that a path is looked for from then
 _NEAR, _KEPT = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
 

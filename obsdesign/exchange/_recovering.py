@@ -12,7 +12,7 @@ from obsdesign.simulation import substeps_along
 from obsdesign.step import step_of
 from obsdesign.trajectory import Trajectory
 
-_TRIES = 30
+_TRIES = 30  # Gauss-Newton steps at most; rates are affine in the inputs, steps nearly so, so that few are needed
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from obsdesign.step import CACHED, steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 _SAMPLES = 3  # of each bearing: two are 6 numbers, and one of them too few for 6 states where one sample is taken on the circle
-_ROUND_OFF = 1e-12
+_ROUND_OFF = 1e-12  # of the sizes that were added up: some thousand units in the last place of a double; less than that counts as 0
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from obsdesign.repeats import without_repeats
 from obsdesign.scan import Scan
 from obsdesign.step import CACHED, Sensitivity, sensitivity_along, step_of
 
-_ANGLES = 4
+_ANGLES = 4  # 8 draws: were they independent and normal, a mean of squares would be right within sqrt(2 / 8), a half; work grows with them
 DRAWS = 2 * _ANGLES  # of all errors: the size of what they do to a direction is a mean over these
 _BITS = 30  # a number that has no more is taken for exact: by chance one in eight million has
 _POWERS = {ca.OP_POW, ca.OP_CONSTPOW}

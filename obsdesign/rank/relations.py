@@ -21,10 +21,11 @@ from obsdesign.rank.symbols import PRIME, TWELFTH, Parts, Symbols, as_small, dir
 
 _EXP = {getattr(ca, f"OP_{name}") for name in ("EXP", "EXPM1", "SINH", "COSH", "TANH")}
 _CIRCLE = {ca.OP_SIN, ca.OP_COS, ca.OP_TAN}
+# _MULTIPLES: of one argument that are looked for in another; pairs of them are tried, so that work grows as the square
 _MULTIPLES = (1, -1, 2, -2, 3, -3)
 _MANY = 24
 """Among more arguments than this, sums are not looked for."""
-_PASSES = 4
+_PASSES = 4  # at most, each with the sums of the one before, for sums inside sums; one that finds nothing new is the last
 _TINY = 2**12
 """Numerators and denominators of the constants in a sum: larger ones could come about by chance."""
 

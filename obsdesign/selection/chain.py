@@ -12,7 +12,7 @@ from obsdesign.errors import InputError
 from obsdesign.selection.feasible import AbstractSchedules
 from obsdesign.selection.groups import forced
 
-_MOST_STATES = 3000
+_MOST_STATES = 3000  # each is followed by any of the patterns: trades the rules that are accepted for memory and time
 
 
 @dataclass(frozen=True, eq=False)

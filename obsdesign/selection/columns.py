@@ -16,7 +16,7 @@ from obsdesign.selection.master import Column, Mixture, column_of, mixed
 
 _ROUNDS = 400  # column generation ends in 5 to 60 rounds for few states, in some hundred for 15
 _IDLE = 12  # rounds after which a column without a share is dropped ...
-_FIRST_ROUNDS = 40
+_FIRST_ROUNDS = 40  # within which every direction that can be seen is expected to be; see _ROUNDS
 _STALLED, _NARROWER = 15, 0.9  # rounds within which a gap is expected to fall by so much, where climbs have to end in time
 _SAMPLES = 64  # schedules whose even mixture stands for relaxed choices
 _RAISED = (1e-9, 1e-7)  # of what all sensors know of a state: what a solver can tell from nothing

@@ -12,10 +12,11 @@ from obsdesign.selection.instance import Instance, matrices, vectors
 from obsdesign.selection.top import Top, top_of
 
 _SHRINK = 0.15  # of the barrier from one centre to the next
-_STEPS = 80
+_STEPS = 80  # of Newton's method at most: 16 centres take the barrier to 0.15^16 = 1e-13, which leaves five to each
 _CENTRED = 0.5  # Newton decrement, in units of mu, at which the barrier shrinks
-_ROOTS = 60
+_ROOTS = 60  # halvings: 2^-60 of the bracket is less than a double tells
 _BACK, _HALVINGS = 0.6, 40
+# _RIDGE: on a matrix of unit diagonal: some hundred times the rounding of a double, so that its factor exists; steps bend by as little
 _RIDGE = 1e-13
 _LEAST = 1e-12  # ratio of what the states count, below which the barrier does not see them
 

@@ -15,7 +15,7 @@ from obsdesign.selection.soft import Soft
 _NEAR = 600  # changes considered: those that cost least in the prices of the dual; no scan of all segments
 _TRIED = 64  # of the pairs, and of the single changes, that a second-order model likes best are worth computing
 _ROUNDING = (1.0, 0.1, 0.01)  # of the gap to the bound: how much the corner of the smallest eigenvalue is rounded off, in turn
-_STEPS = 200
+_STEPS = 200  # exchanges at most; the search ends before at a schedule that no change improves
 
 
 @dataclass(frozen=True, eq=False)

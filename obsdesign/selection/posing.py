@@ -21,7 +21,7 @@ from obsdesign.selection.judge import Judge
 from obsdesign.selection.schedule import require_blocks
 from obsdesign.selection.top import Top
 
-_MOST_PATTERNS = 50_000
+_MOST_PATTERNS = 50_000  # they are listed, with a byte for each sensor: trades the problems that are accepted for memory and time
 _LEAST, _MOST = 1e-152, 1e154  # what all sensors may know of a state: squares of it, and of 1 over it, are numbers
 _BESIDE = 1e-26  # of what all sensors know of a state: what is less, two doubles do not tell from nothing
 

@@ -15,7 +15,7 @@ from obsdesign.selection.walks import Layer, Walks, information_in, layer_of, pr
 
 _CLOSE = (300, 1500, 6000)  # segments, those decided with the least margin, in which the relaxation may be undecided
 _LOST = 1e-7  # of the bound: what may be lost by that
-_SHARE = 1e-9
+_SHARE = 1e-9  # what is less counts as a 0 that the solver left positive
 
 
 @dataclass(frozen=True, eq=False)

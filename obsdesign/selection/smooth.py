@@ -9,9 +9,9 @@ from obsdesign.selection.duals import Dual
 from obsdesign.selection.instance import Instance, vectors
 from obsdesign.selection.master import Column, Mixture, clarabel, solved
 
-_STEPS = 40
+_STEPS = 40  # of Newton's method at most; it ends before when a step promises less than _ENOUGH
 _ENOUGH = 1e-11  # of the value: what a step must promise
-_HALVINGS = 30
+_HALVINGS = 30  # of a step: where 1e-9 of it does not help, it is given up
 
 
 def climbed(instance: Instance, columns: list[Column], before: Mixture | None) -> Mixture | None:

@@ -12,7 +12,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 if TYPE_CHECKING:
     import cvxpy as cp
 
-_NEWTON = 60
+_NEWTON = 60  # steps at most: they rise to the root from below and double its right digits near it
 
 
 @dataclass(frozen=True)

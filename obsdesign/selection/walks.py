@@ -13,7 +13,7 @@ from obsdesign.selection.feasible import AbstractSeparate
 from obsdesign.selection.instance import Instance, matrices, vectors
 
 _MOST_LAYERS = 1500  # undecided segments, and ...
-_REACH = 1.0 + 1e-9
+_REACH = 1.0 + 1e-9  # times the largest regret that is allowed: rounding does not shut out the segment that sets it
 _MOST_STEPS = 60_000  # ... choices in them, beyond which walking through them is hopeless
 
 

@@ -21,7 +21,7 @@ from obsdesign.selection.selecting import select_sensors
 from obsdesign.study.record import Candidate, Rival, Selection
 from obsdesign.trajectory import Trajectory
 
-RANDOM_SCHEDULES = 1000
+RANDOM_SCHEDULES = 1000  # the share of them that is better has a standard error of at most sqrt(1 / 4000) = 1.6 %
 _RANDOM_UNDER_RULES = 200  # each takes a search of its own
 
 

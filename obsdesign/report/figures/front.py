@@ -13,7 +13,7 @@ from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.study.choosing import segments_of
 from obsdesign.study.record import Study
 
-_POINTS = 200
+_POINTS = 200  # of a line that is straight between few corners: more of them make sharper corners and a larger page
 
 
 def front_figure(study: Study) -> str:

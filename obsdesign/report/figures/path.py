@@ -20,7 +20,7 @@ from obsdesign.scenario.schema import DESIGNED, SHORTEST, WEAVE
 from obsdesign.study.record import Study
 
 SIGMAS = 2.0  # half axes of the ellipses
-_ELLIPSES = 12
+_ELLIPSES = 12  # at most about so many: more hide each other and the path
 _WIDER = 1.4  # how much larger the map may become for a path that would otherwise leave it
 _DASHES = ("-", "--", ":", "-.")
 
