@@ -20,7 +20,7 @@ _LOAD = 2_000  # steps after which the cache folder is asked for machine code
 # a compiler is asked when the virtual machine has done as much as it would take: about 0.3 s and 0.6 ms an operation, at 6 ns each
 _WORTH, _WORTH_EACH = 100_000, 50_000_000
 _NAME = "obsdesign_step"  # a name that no library has: "step" is one of the C library, and would be called instead
-_ENTRIES = 1 << 18  # numbers that one stretch may hold
+_ENTRIES = 1 << 18  # numbers that one stretch may hold: 2 MB of doubles
 _EXACT = 8  # lengths, beside the powers of two, for which the repeated function is kept
 _LONGEST = 1024  # steps of the longest stretch that CasADi repeats in one call; a power of two
 

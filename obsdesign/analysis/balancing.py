@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_SWEEPS = 30
+_SWEEPS = 30  # a basis without zeros is balanced after one, with zeros each sweep brings the sizes nearer; an approximate scale does
 
 
 def balanced(basis: np.ndarray) -> np.ndarray:

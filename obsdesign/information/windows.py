@@ -20,7 +20,7 @@ from obsdesign.simulation import held_along, substeps_along
 from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
 from obsdesign.trajectory import Trajectory
 
-_ENTRIES = 1 << 20  # numbers of the rows that are walked at once
+_ENTRIES = 1 << 20  # numbers of the rows that are walked at once: 8 MB of doubles
 
 
 @validate_arguments

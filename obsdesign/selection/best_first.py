@@ -18,7 +18,7 @@ from obsdesign.selection.walks import Walks, information_in, walks_of
 
 _WIDTH = 128  # partial schedules that are branched on at a time
 _STEPS = 5  # of Newton's method for each branch
-_ROOT_STEPS = 20
+_ROOT_STEPS = 20  # of Newton's method at the root for each corner, made once: what is left of the gap there, every branch has to close
 _CORNERS = (0.1, 0.03, 0.01, 0.004)  # how much corners are rounded off at the root, in turn
 _CORNER = 0.05  # of the gap: ... and for branches
 _SCALE = 0.1  # of the gap: a fall of a bound by so much makes a tree smaller by a factor of e
@@ -26,8 +26,8 @@ _PRICE = 0.01  # of resources, in units of the bound for all of one: where Newto
 _WORTH = 0.25  # of the gap: how far below the best a rounding is worth polishing
 _MOST_STEPS = 4000  # of all layers, and ...
 _MOST_WAYS = 8.0  # ... on average in a layer: where there are more, branching on all of them leads nowhere
-_MOST_PRODUCTS = 8_000_000
-_LEAST = 1e-9
+_MOST_PRODUCTS = 8_000_000  # numbers in `Smoothed.products`: 64 MB of doubles
+_LEAST = 1e-9  # the same where next to no gap is left: tau divides, so it is not 0
 _WORK, _OVERHEAD = 5e9, 1e4  # steps times squares of the duals' entries: half a minute or so
 
 

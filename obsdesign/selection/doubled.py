@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 Pair = tuple[np.ndarray, np.ndarray]  # hi + lo, |lo| <= eps |hi| / 2
-_SPLIT = 134217729.0  # 2^27 + 1
+_SPLIT = 134217729.0  # 2^27 + 1: halves of 26 digits each, whose products are exact (Dekker, 1971)
 
 
 def summed(a: np.ndarray, b: np.ndarray) -> Pair:

@@ -11,7 +11,7 @@ from obsdesign.selection.instance import Instance, matrices, vectors
 from obsdesign.selection.walks import Walks
 
 _EPS = float(np.finfo(float).eps)
-_RIDGE = 1e-13
+_RIDGE = 1e-13  # on a unit diagonal: some hundred times the rounding of a double, so that its factor exists; steps bend by as little
 _REACH = 0.9  # of the way to where Z is singular, at most
 _ARMIJO, _BACK, _TRIALS = 0.1, 0.4, 5
 _STILL = 0.02  # of tau: a decrease that is not worth a step
