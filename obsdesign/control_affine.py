@@ -55,8 +55,14 @@ class ControlAffineSystem(AbstractSystem):
         sigmas: Mapping[str, float] | None = None,
         angles: Sequence[str] = (),
     ) -> ControlAffineSystem:
-        """Return the system with xdot = rate (n, 1), an expression of the state and of the inputs' symbols (name -> symbol).
+        """Return the system whose rate of change is one expression of the state and the inputs: xdot = rate.
 
+        Arguments:
+            state (n, 1): symbols of the states.
+            names: names of the n states.
+            rate (n, 1): expression of the symbols of states and inputs, affine in the inputs, in the unit of the state per second.
+            known, unknown: name of an input -> its symbol.
+            outputs, sigmas, angles: as the fields of those names.
         Raises InputError where the rate is not affine in an input, and as the record itself does.
         """
         import casadi as ca

@@ -611,17 +611,21 @@ class Planner:
         deadline: float | None = None,
         elapsed: float | None = None,
     ) -> Plan:
-        """Return a plan from x_now (n,). Never raises: what goes wrong is the plan's status and reason.
+        """Return a plan from where the vehicle is. Never raises: what goes wrong is the plan's status and reason.
 
-        previous: the last plan, flown for `elapsed` [s], None = `every`, the nearest number of steps; None = there is none: several
-        starts are tried; prior: what is known about x_now beside the samples that the plan counts, those at t = 0 among them, as
-        Prior or information (n, n), None = the problem's `known`; deadline [s] of wall time from the call, None = none: then the
-        same arguments give the same plan, `seconds` and the memory's pace apart.
-        Errors of samples that last begin anew in each plan: what earlier samples have told of them is not in `prior`, nor that they
-        are in it.
-        The path is the better one of a climb from the previous path, moved on in time, and of that path itself; it breaks no
+        The path is the better one of a local solve from the previous path, moved on in time, and of that path itself; it breaks no
         limit if either of them breaks none. After a failure or at the deadline it is the previous path, moved on; where x_now is no
-        state, from where that path is now, which is not called feasible.
+        state, from where that path is now, which is not called feasible. Errors of samples that last begin anew in each plan: what
+        earlier samples have told of them is not in `prior`, nor that they are in it.
+
+        Arguments:
+            x_now (n,): the state now, in the units of the states.
+            previous: the last plan; None = there is none: several starts are tried.
+            prior: what is known about x_now beside the samples that the plan counts, those at t = 0 among them, as Prior or
+                information (n, n); None = the problem's `known`.
+            deadline: wall time from the call [s]; None = none: then the same arguments give the same plan, `seconds` and the
+                memory's pace apart.
+            elapsed: how long the previous plan has been flown [s], to the nearest number of steps; None = `every`.
         """
         call, reason = _Call(x_now, previous, prior, deadline, elapsed, perf_counter()), ""
         attempts: tuple[Callable[[_Call], Plan], ...] = (self._planned, self._followed, self._kept, self._waited)

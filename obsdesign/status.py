@@ -1,4 +1,4 @@
-"""One vocabulary for how IPOPT, Clarabel and the proof of a schedule ended."""
+"""One vocabulary for how local solves, convex solves and the proof of a schedule ended."""
 
 from __future__ import annotations
 
@@ -9,13 +9,21 @@ class Status(Enum):
     """How a solve ended; the value is the message."""
 
     OPTIMAL = "optimal, proven"
+    """The answer is the best there is, within the gap asked for."""
     LOCALLY_OPTIMAL = "locally optimal"
+    """No answer nearby is better; another one elsewhere may be."""
     INFEASIBLE = "infeasible, proven"
+    """No answer can keep all limits."""
     LOCALLY_INFEASIBLE = "no feasible point found nearby"
+    """The search ended without an answer that keeps all limits; there may be one elsewhere."""
     GAP_OPEN = "feasible, gap to the bound still open"
+    """The answer keeps all rules; that none is much better is not proven."""
     ITERATION_LIMIT = "stopped at the iteration limit"
+    """The search had no more iterations."""
     TIME_LIMIT = "stopped at the time limit"
+    """The search had no more time."""
     NUMERICAL_ERROR = "stopped by a numerical error"
+    """The arithmetic gave no number to go on with."""
 
     @property
     def has_answer(self) -> bool:

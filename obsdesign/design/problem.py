@@ -71,7 +71,7 @@ class Robust:
         require_count("robust: seed", self.seed, least=0)
 
     def draws(self, count: int, seed: int) -> np.ndarray:
-        """Return starts (count, n) from the prior."""
+        """Return `count` starts (count, n) from the prior, in the units of the states; other draws for another seed."""
         normal = np.random.default_rng([self.seed, seed]).standard_normal((count, self.prior.mean.size))
         return self.prior.mean + normal @ np.linalg.cholesky(self.prior.covariance).T
 
@@ -271,7 +271,7 @@ class DesignProblem(AbstractDisplay):
         return self.counted(self.judged(path))
 
     def judged(self, path: Trajectory) -> np.ndarray:
-        """Return the matrix (n, n) that the criterion judges: W about x(t_0), or J after the last samples."""
+        """Return the matrix (n, n) that the criterion judges of a path: W about x(t_0), or J after the last samples."""
         known = self.criterion.knowledge
         if known is None:
             W = path_information(self.system, path, None if self.weights is None else np.asarray(self.weights))

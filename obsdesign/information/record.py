@@ -139,9 +139,13 @@ class Information(AbstractDisplay):
         return with_samples(blocks, self.names, None if later.transition is None else later.transition @ Phi, samples, origin)
 
     def by_segment(self, segments: int) -> np.ndarray:
-        """Return (K, S, n, n): what counts for each sensor in each of K equal groups of steps. K must divide N.
+        """Return (K, S, n, n): what counts for each sensor in each of K equal groups of steps.
 
         The blocks summed; where errors are not independent, amounts from below for every schedule, `under` the exact value.
+
+        Arguments:
+            segments: number K of groups, which divides the N steps.
+        Raises InputError where it does not.
         """
         steps = len(self.blocks)
         require_divisor("segments", segments, "steps", steps)
