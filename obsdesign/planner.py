@@ -187,7 +187,7 @@ class Plan(AbstractDisplay):
     reason: str
     """What went wrong or is broken, in words; "" = nothing."""
     age: int
-    """How many steps ago the inputs were found, 0 = now."""
+    """How many plans ago the inputs were found, 0 = in this one."""
     time: float
     """Time since the first plan [s]."""
     seconds: float
