@@ -716,3 +716,14 @@ def test_what_falls_short_between_the_nodes_is_asked_for_more():
     # asked for more, not for much more
     assert 0.99 * problem.value(unchecked.path) <= checked.objective <= 1.01 * problem.value(unchecked.path)
     assert margins(checked)[0] < 0.01
+
+
+@pytest.mark.parametrize("criterion", [od.LogDet(), od.TraceInverse()])
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_slopes_where_nothing_is_known_point_there(criterion, unit):
+    # W = diag(4, 0) and a rotated one are singular to the last bit: no number, but a finite slope that is largest in the hidden direction
+    for hidden in (np.array([0.0, 1.0]), np.array([0.6, -0.8])):
+        seen = np.array([hidden[1], -hidden[0]])
+        slope = criterion.slope(4.0 * unit * np.outer(seen, seen))
+        assert np.isfinite(slope).all()
+        assert hidden @ slope @ hidden > 1e6 * abs(seen @ slope @ seen)

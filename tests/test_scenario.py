@@ -443,7 +443,7 @@ def test_the_readme_names_every_kind_and_every_key_of_the_design():
     for package in (obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.criteria, obsdesign.rules):
         assert [kind for kind in kinds(package) if f"`{kind}`" not in readme] == []
     for name in (file.stem for file in SCENARIOS):
-        assert f"(scenarios/{name}.toml)" in readme
+        assert f"/scenarios/{name}.toml)" in readme
     keys = set(DesignTable.model_fields) - {"path", "bounds", "rates", "constraints", "prices", "budgets", "starts", "suites"}
     assert [key for key in keys | set(SelectionTable.model_fields) - {"rules"} if f"`{key}`" not in readme] == []
 

@@ -31,9 +31,16 @@ def shadow_lift(W: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 
 def inverse(W: np.ndarray) -> np.ndarray:
-    """Return W^-1 of W (n, n) > 0, solved with unit sizes: right to the digits that its eigenvalues allow, whatever the units."""
+    """Return W^-1 of W (n, n) > 0, solved with unit sizes: right to the digits that its eigenvalues allow, whatever the units.
+
+    Where W is singular to the last bit, (W + n eps I)^-1 in these units, finite: a slope that points where nothing is known.
+    """
     d = np.sqrt(np.where(np.diag(W) > 0, np.diag(W), 1.0))
-    found = np.linalg.inv(W / np.outer(d, d)) / np.outer(d, d)
+    unit = W / np.outer(d, d)
+    try:
+        found = np.linalg.inv(unit) / np.outer(d, d)
+    except np.linalg.LinAlgError:
+        found = np.linalg.inv(unit + len(W) * np.finfo(float).eps * np.eye(len(W))) / np.outer(d, d)
     return (found + found.T) / 2
 
 
