@@ -19,8 +19,8 @@ from benchmarks.in_flight import in_flight
 from benchmarks.missions import beacon_mission, mission, plateau
 from benchmarks.optimisers import Answer, answers
 from benchmarks.tables import exponent, machine, table, write
-from obsdesign.design.climbing import Climbed, Task, climbed, families_of
-from obsdesign.design.starts import start_inputs
+from obsdesign.design.initial_guesses import start_inputs
+from obsdesign.design.local_solve import Climbed, Task, climbed, families_of
 
 BEACON_STARTS, MANY, WORKERS = 40, 200, 2
 
@@ -84,8 +84,8 @@ def building() -> list[str]:
     code = (
         "import time, obsdesign as od\n"
         "from benchmarks.missions import mission\n"
-        "from obsdesign.design.limits import rows_of\n"
-        "from obsdesign.design.program import Program\n"
+        "from obsdesign.design.feasibility import rows_of\n"
+        "from obsdesign.design.nlp.program import Program\n"
         "import numpy as np\n"
         "for pieces in (40, 40, 20):\n"
         "    problem = mission(pieces); began = time.perf_counter()\n"

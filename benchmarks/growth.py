@@ -16,8 +16,8 @@ import obsdesign as od
 from benchmarks.scene import START, STEP, flown, unicycle
 from benchmarks.tables import exponent, peak_memory, table
 from benchmarks.timing import MODES, Times, in_modes, mode, timed
+from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.information.gramian import transported
-from obsdesign.model import AbstractSystem
 
 STEPS = (1_000, 10_000, 100_000, 1_000_000)
 SENSORS = (1, 4, 16, 64)

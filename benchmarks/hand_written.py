@@ -16,8 +16,8 @@ import obsdesign as od
 from benchmarks.scene import BEACON, SIGMAS, STEP, flown, unicycle
 from benchmarks.tables import table
 from benchmarks.timing import Subject, apart, in_modes, judged, ratios, timed
+from obsdesign.dynamics.step import sensitivity_of
 from obsdesign.information.gramian import transported
-from obsdesign.step import sensitivity_of
 
 SOURCE = Path(__file__).parent / "unicycle_wind.c"
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")

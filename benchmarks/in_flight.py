@@ -9,8 +9,8 @@ import numpy as np
 import obsdesign as od
 from benchmarks.missions import DUBINS, SCALE, START
 from benchmarks.tables import table
-from obsdesign.design.ascent import ITERATIONS as TO_THE_END
-from obsdesign.planner import Planner
+from obsdesign.design.sqp.trust_region_sqp import ITERATIONS as TO_THE_END
+from obsdesign.planning.planner import Planner
 
 STEPS, DEADLINE, COMPARED = 500, 0.1, 120
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import optimize
 
 import obsdesign as od
-from obsdesign.design.limits import rows_of
-from obsdesign.design.program import Program, Slopes, Values
+from obsdesign.design.feasibility import rows_of
+from obsdesign.design.nlp.program import Program, Slopes, Values
 
 _TOLERANCE = 1e-5  # by how much a margin may fall short for the answer to count
 _SECONDS = 20.0

@@ -112,7 +112,7 @@ def _run(options: argparse.Namespace) -> ExitCode:
     from rich.console import Console
 
     from obsdesign.report.folder import as_json, write_report
-    from obsdesign.study.running import run
+    from obsdesign.study.runner import run
 
     errors = Console(stderr=True, highlight=False)
     silent = options.quiet or not sys.stderr.isatty()
@@ -122,7 +122,7 @@ def _run(options: argparse.Namespace) -> ExitCode:
     if options.json:
         print(as_json(result), end="")
     elif not options.quiet:
-        from obsdesign.report.summary import summary_of
+        from obsdesign.report.terminal import summary_of
 
         Console(highlight=False, soft_wrap=True).print(summary_of(result), f"\nWritten to {folder}/: open report.html")
     return _judge(result)
@@ -139,8 +139,8 @@ def _select(options: argparse.Namespace) -> ExitCode:
 
     from obsdesign.exchange.trajectory_csv import read_trajectory_csv
     from obsdesign.report.folder import as_json, write_report
-    from obsdesign.report.result import result_of
-    from obsdesign.study.running import select_along
+    from obsdesign.report.to_document import result_of
+    from obsdesign.study.runner import select_along
 
     file = options.path / "trajectory.csv" if options.path.is_dir() else options.path
     found = read_trajectory_csv(scenario.system, file)
@@ -150,7 +150,7 @@ def _select(options: argparse.Namespace) -> ExitCode:
     if options.json:
         print(as_json(result), end="")
     elif not options.quiet:
-        from obsdesign.report.summary import schedule_of
+        from obsdesign.report.terminal import schedule_of
 
         written = () if options.out is None else (f"\nWritten to {options.out}/: open report.html",)
         Console(highlight=False, soft_wrap=True).print(schedule_of(result), *found.notes, *written, sep="\n", markup=False)

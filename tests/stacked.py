@@ -11,8 +11,8 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 import obsdesign as od
-from obsdesign.simulation import held_along, substeps_along
-from obsdesign.step import step_of
+from obsdesign.dynamics.simulation import held_along, substeps_along
+from obsdesign.dynamics.step import step_of
 
 _BITS = 4000
 _UNKNOWN = 10**40  # variance of an input of which nothing is known: its limit is reached to 1e-30

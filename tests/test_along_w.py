@@ -38,10 +38,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign import compile as machine
+from obsdesign.dynamics import native_code as machine
+from obsdesign.dynamics.scan import Scan
 from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.information.gramian import transition_matrices
-from obsdesign.scan import Scan
 
 few = settings(deadline=None, max_examples=5, database=None, derandomize=True)
 

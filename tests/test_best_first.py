@@ -9,14 +9,14 @@ import pytest
 from test_selection_cuts import CASES, Case
 
 import obsdesign as od
-from obsdesign.selection.best_first import best_first, finished, serves
-from obsdesign.selection.columns import Relaxed, relaxed
-from obsdesign.selection.instance import Instance, vectors
-from obsdesign.selection.posing import posed
-from obsdesign.selection.rounding import purified
-from obsdesign.selection.searching import Answer, Clock, Wanted, incumbent
-from obsdesign.selection.smoothed import Smoothed, at, declines, descended, model, smoothed
-from obsdesign.selection.walks import Walks, walks_of
+from obsdesign.selection.build import posed
+from obsdesign.selection.integer.best_first_search import best_first, finished, serves
+from obsdesign.selection.integer.reduced_problem import Walks, walks_of
+from obsdesign.selection.integer.rounding import purified
+from obsdesign.selection.integer.search import Answer, Clock, Wanted, incumbent
+from obsdesign.selection.integer.smoothed_dual import Smoothed, at, declines, descended, model, smoothed
+from obsdesign.selection.problem import Instance, vectors
+from obsdesign.selection.relaxation.column_generation import Relaxed, relaxed
 
 NEVER = Clock(0.0, np.inf)
 

@@ -195,7 +195,7 @@ def test_limits_that_contradict_each_other_are_exit_code_1_and_both_named(tmp_pa
 
 def test_a_failed_solver_is_exit_code_3_with_its_status_and_no_number(tmp_path):
     code = (
-        "import obsdesign.study.running as running\n"
+        "import obsdesign.study.runner as running\n"
         "from obsdesign.errors import SolveError\n"
         "from obsdesign.status import Status\n"
         "def failed(*_, **__): raise SolveError('trajectory design', Status.ITERATION_LIMIT)\n"

@@ -31,7 +31,7 @@ from obsdesign.constraints.loiter import Loiter
 from obsdesign.constraints.max_range import MaxRange
 from obsdesign.constraints.stand_off import StandOff
 from obsdesign.constraints.via import Via
-from obsdesign.costs._terms import Budget, Price
+from obsdesign.costs._price_budget import Budget, Price
 from obsdesign.costs.effort import Effort
 from obsdesign.costs.flight_time import FlightTime
 from obsdesign.costs.path_length import PathLength

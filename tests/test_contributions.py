@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.information.differences import TOLERANCE
-from obsdesign.information.shares import shortest_bulk
+from obsdesign.information.contribution_shares import shortest_bulk
+from obsdesign.information.perturbation_check import TOLERANCE
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 

@@ -18,13 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.design.caps import cap_of
-from obsdesign.design.climbing import Task, climbed, families_of
-from obsdesign.design.limits import is_feasible, node_margins, shortfalls
-from obsdesign.design.recursion import gramian_recursion
-from obsdesign.design.starts import start_inputs
+from obsdesign.design.feasibility import is_feasible, node_margins, shortfalls
+from obsdesign.design.initial_guesses import start_inputs
+from obsdesign.design.local_solve import Task, climbed, families_of
+from obsdesign.design.nlp.information_recursion import gramian_recursion
+from obsdesign.design.upper_bound import cap_of
 from obsdesign.design.weave import Weave, best_weave
-from obsdesign.simulation import states_from
+from obsdesign.dynamics.simulation import states_from
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 seeds = st.integers(0, 10**6)
@@ -494,7 +494,7 @@ def test_bounds_and_constraints_may_be_lists():
 
 def test_one_range_beacon_is_refused_before_any_solver_starts(monkeypatch: pytest.MonkeyPatch):
     """Rotation about the beacon stays hidden on every path."""
-    monkeypatch.setattr("obsdesign.design.shaping.climbed", None)
+    monkeypatch.setattr("obsdesign.design.multistart.climbed", None)
     problem = problem_with(system=od.System(DUBINS, (od.Range(BEACON, 1.0),)))
     with pytest.raises(
         od.UnobservableError, match=r"see 4 of 5 dimensions; rotation of everything about the beacon at \(6, 4\) m"
@@ -511,7 +511,7 @@ FAR_AWAY = {"constraints": (od.Goal((100.0, 0.0), 1.0),), "duration": 8.0, "path
 
 def test_a_goal_out_of_reach_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch):
     """By geometry, before any solver starts: 99 m at 1 m/s through the air and 0.36 m/s of wind."""
-    monkeypatch.setattr("obsdesign.design.shaping.climbed", None)
+    monkeypatch.setattr("obsdesign.design.multistart.climbed", None)
     message = (
         r"trajectory design: infeasible, proven: Goal: within 1 m of \(100, 0\): 99 m away; at 1\.361 m/s .* in 8 s, not before 72\.8 s"
     )

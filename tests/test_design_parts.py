@@ -18,17 +18,17 @@ from scipy.optimize import root
 import obsdesign as od
 from obsdesign.criteria._factor import shadow, shadow_lift
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.design.aim import Judged, Linear, aim_of, value_of
-from obsdesign.design.climbing import Climbed, Task, climbed
-from obsdesign.design.limits import fine_margins, node_margins, rows_of
-from obsdesign.design.newton import Active, Face, newton
-from obsdesign.design.program import Program
-from obsdesign.design.starts import start_inputs
-from obsdesign.design.subproblem import Cone, Model, Step, minimised
-from obsdesign.design.values import Multipliers, Values
-from obsdesign.information.sampling import sampled
-from obsdesign.model import AbstractSystem
-from obsdesign.step import blocks_of, step_of
+from obsdesign.design.feasibility import fine_margins, node_margins, rows_of
+from obsdesign.design.initial_guesses import start_inputs
+from obsdesign.design.local_solve import Climbed, Task, climbed
+from obsdesign.design.nlp.evaluation import Multipliers, Values
+from obsdesign.design.nlp.program import Program
+from obsdesign.design.sqp.active_set_step import Active, Face, newton
+from obsdesign.design.sqp.conic_qp import Cone, Model, Step, minimised
+from obsdesign.design.sqp.matrix_objective import Judged, Linear, aim_of, value_of
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.step import blocks_of, step_of
+from obsdesign.information.sample_information import sampled
 
 BEACON, POSTS = (8.0, 7.0), ((-6.0, 0.0), (-3.0, 5.0), (-3.0, -5.0))
 START, SCALE = (0.0, 0.0, 0.2, 0.3, -0.2), (5.0, 4.0, 0.5, 0.3, 0.4)

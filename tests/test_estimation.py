@@ -15,10 +15,10 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import obsdesign as od
-from obsdesign import flight
+from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.simulation import substeps_along
-from obsdesign.validation import CONSISTENT_SHARE, SETTLED, _judged
+from obsdesign.estimation.validation import CONSISTENT_SHARE, SETTLED, _judged
+from obsdesign.planning import closed_loop as flight
 
 # ---------------------------------------------------------------- a linear system and the textbook
 

@@ -15,10 +15,10 @@ from test_missions import FINEST, Flown, chord, distance, missed_at, ring, steep
 
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.climbing import Climbed, Task, climbed
-from obsdesign.design.feasibility import sought
+from obsdesign.design.feasibility import is_feasible, shortfalls, spent
+from obsdesign.design.feasible_search import sought
 from obsdesign.design.infeasibility import why_unreachable
-from obsdesign.design.limits import is_feasible, shortfalls, spent
+from obsdesign.design.local_solve import Climbed, Task, climbed
 
 SHARE = 1e-6  # of a limit's own size by which it may be missed
 Random = np.random.Generator
@@ -244,7 +244,7 @@ def test_a_path_that_keeps_all_limits_is_returned_where_no_climb_comes_to_an_end
     def given_up(task: Task) -> Climbed:
         return dataclasses.replace(climbed(task), status=od.Status.NUMERICAL_ERROR, path=od.simulate(RANGES, [0, 0, 3.0], task.u, 0.5))
 
-    monkeypatch.setattr("obsdesign.design.shaping.climbed", given_up)
+    monkeypatch.setattr("obsdesign.design.multistart.climbed", given_up)
     problem = asked(constraints=(od.Goal((150.0, 40.0), 5.0),))
     design = od.design_trajectory(problem, starts=1)
     assert design.status is od.Status.GAP_OPEN

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.analysis.directions import Hidden
+from obsdesign.analysis.sparse_directions import Hidden
 from obsdesign.signals import Signal
 
 LANDMARKS = 10

@@ -15,15 +15,15 @@ import pytest
 
 import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.design import recursion
-from obsdesign.design.caps import cap_of
-from obsdesign.design.limits import is_feasible, rows_of
-from obsdesign.design.program import Program
-from obsdesign.design.relaxed import Relaxed
-from obsdesign.design.values import Multipliers
-from obsdesign.joint.choosing import for_schedule
-from obsdesign.joint.question import Question
-from obsdesign.joint.turns import Pair, Turns, paired, settled, shaped
+from obsdesign.design.feasibility import is_feasible, rows_of
+from obsdesign.design.nlp import information_recursion as recursion
+from obsdesign.design.nlp.evaluation import Multipliers
+from obsdesign.design.nlp.joint_program import Relaxed
+from obsdesign.design.nlp.program import Program
+from obsdesign.design.upper_bound import cap_of
+from obsdesign.joint.alternation import Pair, Turns, paired, settled, shaped
+from obsdesign.joint.joint_solver import for_schedule
+from obsdesign.joint.problem import Question
 from obsdesign.rules.unavailable_outside import UnavailableOutside
 
 BEACONS = ((60.0, 45.0), (-25.0, 50.0))

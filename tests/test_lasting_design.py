@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.design.caps import cap_of
-from obsdesign.design.limits import rows_of
+from obsdesign.design.feasibility import rows_of
+from obsdesign.design.nlp.joint_program import Relaxed
+from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import Floor
-from obsdesign.design.program import Program
-from obsdesign.design.relaxed import Relaxed
+from obsdesign.design.upper_bound import cap_of
 from obsdesign.design.weave import best_weave
-from obsdesign.joint.question import Question
+from obsdesign.joint.problem import Question
 
 BEACON = (40.0, 25.0)
 SENSORS = (

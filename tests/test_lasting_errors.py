@@ -11,12 +11,12 @@ from scipy.linalg import toeplitz
 from stacked import stacked
 
 import obsdesign as od
-from obsdesign import flight as flying
-from obsdesign.design.program import Program
+from obsdesign.design.nlp.program import Program
+from obsdesign.dynamics.simulation import readings, substeps_along
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.validation import _draws, _Task
+from obsdesign.planning import closed_loop as flying
 from obsdesign.sensors.abstract import AbstractSensor
-from obsdesign.simulation import readings, substeps_along
-from obsdesign.validation import _draws, _Task
 
 ANYTHING = 1e6  # standard deviation of what nothing is known of
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.information.colour import Colour
-from obsdesign.information.samples import Samples
-from obsdesign.information.totals import path_information
+from obsdesign.information.accumulation import path_information
+from obsdesign.information.correlated_noise import Colour
+from obsdesign.information.correlated_samples import Samples
 
 DIGITS = 200  # bits of the reference
 

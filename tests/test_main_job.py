@@ -10,10 +10,10 @@ import pytest
 from conftest import AEROSONDE, ROOT, obsdesign
 
 import obsdesign as od
-from obsdesign.design.limits import shortfalls
-from obsdesign.study.candidates import candidates_of
+from obsdesign.design.feasibility import shortfalls
+from obsdesign.study.candidate_paths import candidates_of
 from obsdesign.study.problem import problem_of
-from obsdesign.study.running import analyse
+from obsdesign.study.runner import analyse
 
 OTHERS = sorted(file for file in (ROOT / "scenarios").glob("*.toml") if file != AEROSONDE)
 

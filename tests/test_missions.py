@@ -19,10 +19,10 @@ from scipy.interpolate import BSpline as Spline
 
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.climbing import Climbed, Task, climbed, families_of
+from obsdesign.design.feasibility import is_feasible, shortfalls
 from obsdesign.design.infeasibility import why_hidden, why_unreachable
-from obsdesign.design.limits import is_feasible, shortfalls
-from obsdesign.design.starts import start_inputs
+from obsdesign.design.initial_guesses import start_inputs
+from obsdesign.design.local_solve import Climbed, Task, climbed, families_of
 
 STEP, FINER, FINEST = 0.5, 10, 1000  # instants of a step at which missions are drawn, and answers are judged
 BEACON = (4.0, 6.0)
@@ -494,7 +494,7 @@ PROVEN = {
 
 @pytest.mark.parametrize(("problem", "message"), PROVEN.values(), ids=PROVEN.keys())
 def test_what_geometry_forbids_is_said_before_any_solver_starts(problem: od.DesignProblem, message: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("obsdesign.design.shaping.climbed", None)
+    monkeypatch.setattr("obsdesign.design.multistart.climbed", None)
     with pytest.raises(od.SolveError, match=re.escape(message)) as caught:
         od.design_trajectory(problem, starts=1)
     assert caught.value.status is od.Status.INFEASIBLE

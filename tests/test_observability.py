@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from obsdesign.analysis.question import observability, observability_of
+from obsdesign.analysis.query import observability, observability_of
 from obsdesign.analysis.verdict import UnobservableError
 from obsdesign.calculus import lie_derivative
-from obsdesign.control_affine import ControlAffineSystem
+from obsdesign.dynamics.control_affine import ControlAffineSystem
+from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.sensors.bearing import Bearing
 from obsdesign.sensors.gps import GPS
 from obsdesign.sensors.magnetometer import Magnetometer
 from obsdesign.sensors.range import Range
-from obsdesign.system import System
 from obsdesign.vehicles.dubins import Dubins
 from obsdesign.vehicles.unicycle import Unicycle
 

@@ -12,12 +12,12 @@ import pytest
 from scipy.stats import chi2
 
 import obsdesign as od
-import obsdesign.flight as flying
-import obsdesign.planner as planning
-from obsdesign.design.ascent import Solution
-from obsdesign.design.limits import is_feasible, shortfalls
-from obsdesign.flight import Flight, fly
-from obsdesign.planner import Plan, Planner
+import obsdesign.planning.closed_loop as flying
+import obsdesign.planning.planner as planning
+from obsdesign.design.feasibility import is_feasible, shortfalls
+from obsdesign.design.sqp.trust_region_sqp import Solution
+from obsdesign.planning.closed_loop import Flight, fly
+from obsdesign.planning.planner import Plan, Planner
 
 SYSTEM = od.System(od.Dubins(1.0, wind="constant"), (od.GPS(2.0),))
 START = np.array([0.0, 0.0, 0.1, 0.2, -0.1])

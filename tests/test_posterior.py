@@ -28,10 +28,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.design import variation
-from obsdesign.design.climbing import Task, climbed
-from obsdesign.design.program import Program, _variation_of
-from obsdesign.design.values import Multipliers
+from obsdesign.design.local_solve import Task, climbed
+from obsdesign.design.nlp import rollout as variation
+from obsdesign.design.nlp.evaluation import Multipliers
+from obsdesign.design.nlp.program import Program, _variation_of
 from obsdesign.vehicles.abstract import AbstractVehicle
 
 few = settings(deadline=None, max_examples=4, database=None, derandomize=True)

@@ -14,7 +14,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import obsdesign as od
-from obsdesign.design.threads import one_thread
+from obsdesign.design.blas_threads import one_thread
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.report.figures._drawing import inline_svg
 

@@ -15,8 +15,8 @@ import pytest
 
 import obsdesign as od
 from obsdesign.analysis.equations import equations_of
-from obsdesign.analysis.places import random_residues
-from obsdesign.analysis.symbolic import residue_place
+from obsdesign.analysis.evaluation_point import random_residues
+from obsdesign.analysis.modular_points import residue_place
 from obsdesign.rank.taylor import Arguments
 
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from obsdesign.errors import InputError
 from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS
 from obsdesign.rank.balls import OPERATIONS as SUPPORTED
-from obsdesign.rank.constants import symbolise
+from obsdesign.rank.decimal_reading import read
 from obsdesign.rank.elimination import rank_at
+from obsdesign.rank.exact_constants import symbolise
 from obsdesign.rank.graph import NotExactError, NoValueError, evaluate, instructions
-from obsdesign.rank.reading import read
 from obsdesign.rank.residues import values_modulo
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")

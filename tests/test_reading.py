@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.rank.constants import symbolise
+from obsdesign.rank.decimal_reading import read
+from obsdesign.rank.exact_constants import symbolise
+from obsdesign.rank.exact_numbers import Irrational, as_ball, as_residue, combination, cosine, of_pi, sine
 from obsdesign.rank.graph import evaluate, instructions
-from obsdesign.rank.numbers import Irrational, as_ball, as_residue, combination, cosine, of_pi, sine
-from obsdesign.rank.reading import read
 from obsdesign.rank.residues import RESIDUES
 from obsdesign.rank.symbols import PRIME
 from obsdesign.scenario.degrees import in_radians

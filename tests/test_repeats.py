@@ -6,7 +6,7 @@ import casadi as ca
 import pytest
 
 import obsdesign as od
-from obsdesign.repeats import without_repeats
+from obsdesign.common_subexpressions import without_repeats
 
 
 def test_symbols_of_one_name_stay_apart():

@@ -17,25 +17,24 @@ import pytest
 import obsdesign as od
 import obsdesign.constraints
 from obsdesign.constraints.goal import Goal
-from obsdesign.design.limits import Shortfall
+from obsdesign.design.feasibility import Shortfall
+from obsdesign.design.initial_guesses import shortest_inputs
 from obsdesign.design.record import Evidence, Optimum, Start
-from obsdesign.design.starts import shortest_inputs
 from obsdesign.families import kinds, leaf
 from obsdesign.moment import Moment
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
-from obsdesign.report import facts
+from obsdesign.report import derived_quantities as facts
 from obsdesign.report.captions import glossary
-from obsdesign.report.designing import design_in_words
 from obsdesign.report.document import Result
 from obsdesign.report.figures._map import shapes
 from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import path_figure
-from obsdesign.report.flying import broken, errors_table, final_errors, in_flight, least_margin, plans_table
-from obsdesign.report.naming import shortfall_in_words
-from obsdesign.report.page import page_of
-from obsdesign.report.result import result_of
-from obsdesign.report.rounding import MINUS, NARROW, percent, plain, polished, rounded
-from obsdesign.report.scheduling import losses_table, schedules_table, where_table
+from obsdesign.report.html import page_of
+from obsdesign.report.names import shortfall_in_words
+from obsdesign.report.number_format import MINUS, NARROW, percent, plain, polished, rounded
+from obsdesign.report.sections.design import design_in_words
+from obsdesign.report.sections.flight import broken, errors_table, final_errors, in_flight, least_margin, plans_table
+from obsdesign.report.sections.schedule import losses_table, schedules_table, where_table
 from obsdesign.report.tables import (
     Table,
     checks_table,
@@ -43,11 +42,12 @@ from obsdesign.report.tables import (
     starts_table,
     subsets_table,
 )
+from obsdesign.report.to_document import result_of
 from obsdesign.report.wording import reasons
 from obsdesign.scenario.loading import load_scenario
 from obsdesign.status import Status
 from obsdesign.study.record import Study, every_step
-from obsdesign.study.running import run
+from obsdesign.study.runner import run
 
 AEROSONDE = Path(__file__).parent.parent / "scenarios" / "aerosonde_wind.toml"
 VOID = {"meta", "br", "hr", "img", "link", "input", "source", "wbr", "col", "area", "base", "embed", "track"}

@@ -10,9 +10,9 @@ from flint import arb, arb_mat
 
 import obsdesign as od
 from obsdesign.analysis.equations import equations_of
+from obsdesign.analysis.evaluation_point import random_places
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.places import random_places
-from obsdesign.analysis.symbolic import residue_place
+from obsdesign.analysis.modular_points import residue_place
 from obsdesign.rank.pivoting import complement_of, holds_rank
 from obsdesign.rank.symbols import PRIME
 

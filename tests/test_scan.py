@@ -20,10 +20,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign import compile as machine
-from obsdesign import scan as loop
+from obsdesign.dynamics import native_code as machine
+from obsdesign.dynamics import scan as loop
+from obsdesign.dynamics.scan import Scan
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.scan import Scan
 
 few = settings(deadline=None, max_examples=15, database=None, derandomize=True)
 MODES = pytest.mark.parametrize("mode", ["0", "1"], ids=["virtual machine", "machine code"])
@@ -598,8 +598,8 @@ AT_ONCE = """
 import sys, time
 from pathlib import Path
 import numpy as np, casadi as ca
-from obsdesign import compile as machine
-from obsdesign.scan import Scan
+from obsdesign.dynamics import native_code as machine
+from obsdesign.dynamics.scan import Scan
 folder, go, me = map(Path, sys.argv[1:])
 machine.folder = lambda: folder
 x, u = ca.SX.sym("x", 4), ca.SX.sym("u", 4)

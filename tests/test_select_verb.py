@@ -18,13 +18,13 @@ import obsdesign.rules as rule_family
 from obsdesign.exchange.trajectory_csv import read_trajectory_csv, trajectory_csv
 from obsdesign.families import kinds
 from obsdesign.report.document import Result
-from obsdesign.report.page import page_of
-from obsdesign.report.result import result_of
-from obsdesign.report.rounding import rounded
-from obsdesign.report.scheduling import decided, losses_table, rule_in_words, where_table
-from obsdesign.report.whereabouts import where_in_words, whereabouts
-from obsdesign.study.choosing import broken, segments_of
-from obsdesign.study.running import run, select_along
+from obsdesign.report.html import page_of
+from obsdesign.report.number_format import rounded
+from obsdesign.report.sections.schedule import decided, losses_table, rule_in_words, where_table
+from obsdesign.report.sections.whereabouts import where_in_words, whereabouts
+from obsdesign.report.to_document import result_of
+from obsdesign.study.runner import run, select_along
+from obsdesign.study.schedules import broken, segments_of
 
 FLOAT = """
 title = "Float <in> a current"

@@ -16,11 +16,11 @@ from test_rules import CRITERIA, Problem, best, bounded_by_its_dual, certified, 
 
 import obsdesign as od
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.columns import relaxed
-from obsdesign.selection.naive import always, at_random, round_robin
-from obsdesign.selection.posing import posed
+from obsdesign.selection.baselines import always, at_random, round_robin
+from obsdesign.selection.build import posed
+from obsdesign.selection.integer.reduced_problem import Walks, walks_of
+from obsdesign.selection.relaxation.column_generation import relaxed
 from obsdesign.selection.schedule import information_of, schedule_value, upper_bound
-from obsdesign.selection.walks import Walks, walks_of
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 seeds = st.integers(0, 10**6)
@@ -535,7 +535,7 @@ def test_where_one_way_fails_the_other_is_taken_and_noted(method: str, broken: s
     if broken == "direct":
         monkeypatch.setattr(cp.Problem, "solve", broken_problem)
     else:
-        monkeypatch.setattr("obsdesign.selection.columns.mixed", lambda *_: None)
+        monkeypatch.setattr("obsdesign.selection.relaxation.column_generation.mixed", lambda *_: None)
     problem = Problem(PROBLEMS["full"], 1, (), od.MinEigenvalue(), 0)
     schedule = problem.solved(method=method)
     assert len(schedule.notes) == 1

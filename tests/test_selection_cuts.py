@@ -12,12 +12,13 @@ import pytest
 
 import obsdesign as od
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection import cuts, selecting
-from obsdesign.selection.columns import relaxed
-from obsdesign.selection.cuts import Cut, cut, cuttable
-from obsdesign.selection.instance import Instance
-from obsdesign.selection.posing import posed
-from obsdesign.selection.searching import Clock
+from obsdesign.selection import solver as selecting
+from obsdesign.selection.build import posed
+from obsdesign.selection.integer import eigenvector_cuts as cuts
+from obsdesign.selection.integer.eigenvector_cuts import Cut, cut, cuttable
+from obsdesign.selection.integer.search import Clock
+from obsdesign.selection.problem import Instance
+from obsdesign.selection.relaxation.column_generation import relaxed
 
 
 @dataclass(frozen=True)

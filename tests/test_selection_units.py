@@ -14,7 +14,7 @@ from test_selection import path_blocks
 
 import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.selection.posing import posed
+from obsdesign.selection.build import posed
 from obsdesign.selection.schedule import gap_of
 
 every_criterion = pytest.mark.parametrize("criterion", CRITERIA, ids=lambda each: type(each).__name__)

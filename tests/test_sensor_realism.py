@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from scipy.linalg import toeplitz
 
 import obsdesign as od
-from obsdesign.design.program import Program
+from obsdesign.design.nlp.program import Program
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.validation import _draws, _Task
 from obsdesign.sensors.abstract import AbstractSensor
-from obsdesign.validation import _draws, _Task
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import obsdesign as od
+from obsdesign.dynamics.simulation import substeps_along
+from obsdesign.dynamics.step import step_of
 from obsdesign.information.gramian import transition_matrices
-from obsdesign.simulation import substeps_along
-from obsdesign.step import step_of
 
 
 def free(drift: Callable[[ca.SX], ca.SX], n: int, output: int = 0) -> od.ControlAffineSystem:

@@ -7,8 +7,8 @@ import flint
 import pytest
 from flint import fmpz, nmod, nmod_poly
 
-from obsdesign.rank.formal import Formal, product, quotient
-from obsdesign.rank.numbers import as_residue
+from obsdesign.rank.exact_numbers import as_residue
+from obsdesign.rank.formal_series import Formal, product, quotient
 from obsdesign.rank.symbols import PI, PRIME, ROOT_OF_PI, NoSquareError, Symbols, as_small, as_whole
 
 TERMS = 13

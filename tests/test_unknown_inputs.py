@@ -28,11 +28,11 @@ from published.classics import (
 )
 
 import obsdesign as od
+from obsdesign.analysis.autobracket_recursion import recursion
 from obsdesign.analysis.equations import equations_of
-from obsdesign.analysis.places import random_places
-from obsdesign.analysis.recursion import recursion
-from obsdesign.analysis.rescaled import rescale
-from obsdesign.analysis.words import Space
+from obsdesign.analysis.evaluation_point import random_places
+from obsdesign.analysis.field_rescaling import rescale
+from obsdesign.analysis.lie_expressions import Space
 from obsdesign.calculus import lie_derivative
 
 

@@ -11,17 +11,17 @@ from itertools import accumulate
 import casadi as ca
 import flint
 
-from obsdesign.analysis.places import Place
+from obsdesign.analysis.evaluation_point import Place
 from obsdesign.checks import require_known
-from obsdesign.model import Model
+from obsdesign.dynamics.model import Model
 from obsdesign.rank.balls import PRECISIONS
-from obsdesign.rank.constants import symbolise
+from obsdesign.rank.decimal_reading import read
 from obsdesign.rank.elimination import values_at
+from obsdesign.rank.exact_constants import symbolise
+from obsdesign.rank.exact_numbers import Meaning, Number
 from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
-from obsdesign.rank.numbers import Meaning, Number
-from obsdesign.rank.pieces import smooth_near
-from obsdesign.rank.reading import read
-from obsdesign.rank.relations import Used, used
+from obsdesign.rank.piecewise_functions import smooth_near
+from obsdesign.rank.symbol_relations import Used, used
 from obsdesign.rank.taylor import Flow
 
 Exact = tuple[Meaning, ...]

@@ -17,10 +17,10 @@ import flint
 from flint import arb, arb_mat, nmod_mat
 
 from obsdesign.analysis.equations import Equations
-from obsdesign.analysis.places import Place, random_fractions, random_residues
+from obsdesign.analysis.evaluation_point import Place, random_fractions, random_residues
 from obsdesign.rank.elimination import Bound, Rank, rank_of
+from obsdesign.rank.exact_numbers import Number
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.numbers import Number
 from obsdesign.rank.residues import bound_of
 from obsdesign.rank.symbols import PRIME
 from obsdesign.rank.taylor import Arguments

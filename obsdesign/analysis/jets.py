@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from obsdesign.analysis.engine_result import Finding, cut, precision_reached
 from obsdesign.analysis.equations import Equations
+from obsdesign.analysis.evaluation_point import Place, Surroundings
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.finding import Finding, cut, precision_reached
-from obsdesign.analysis.growth import usable_places
-from obsdesign.analysis.places import Place, Surroundings
-from obsdesign.analysis.symbolic import residue_place
+from obsdesign.analysis.modular_points import residue_place
+from obsdesign.analysis.rank_growth import usable_places
 from obsdesign.errors import InputError
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.graph import NoValueError

@@ -14,12 +14,12 @@ import flint
 from flint import arb, arb_mat
 
 from obsdesign.analysis.equations import Equations
+from obsdesign.analysis.evaluation_point import Place, random_fractions
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.places import Place, random_fractions
 from obsdesign.rank.balls import BALLS, is_finite
 from obsdesign.rank.elimination import Bound, Rank, rank_of
+from obsdesign.rank.exact_numbers import as_ball
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.numbers import as_ball
 from obsdesign.rank.taylor import Arguments, Flow
 
 _BITS, _TERMS, _ERROR = 1024, 40, arb(2) ** -600

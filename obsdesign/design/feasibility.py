@@ -1,168 +1,179 @@
-"""A path that keeps all limits, whatever it is worth: looked for among many, by working on those that miss least."""
+"""Where a path breaks what is asked of it: at its nodes and between them, by how much, in units."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from itertools import islice
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.aim import nothing
-from obsdesign.design.ascent import FEASIBLE, Limits, climb
-from obsdesign.design.candidates import parameters_of, random_parameters, structured
-from obsdesign.design.limits import ALLOWED, shortfalls
-from obsdesign.design.nodes import nodes_of
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.costs.abstract import AbstractCost
+from obsdesign.design.between_nodes import FINER, Low, fine_margins, refined
+from obsdesign.design.nlp.constraint_rows import node_margins, nodes_between, rows_of, tightened, window_of
+from obsdesign.design.nlp.node_functions import nodes_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.program import Program
-from obsdesign.design.repair import repaired
-from obsdesign.design.rows import rows_of, tightened, window_of
-from obsdesign.design.threads import one_thread
-from obsdesign.simulation import simulate, states_from
+from obsdesign.information.windows import sliding_information
 from obsdesign.trajectory import Trajectory
 
-# random paths that are looked at, and how many of all so far are worked on, round by round
-_LOOKED_AT, _WORKED_ON = (100, 300, 900), (8, 12, 24)
-_STATES = 40_000  # at once at most
-_NEAR = 1e-2  # shortfall from which a path is worked on to the end
-_ROUNDS = 6  # of asking for what is missed between the nodes
-_ITERATIONS = 40  # of the last climb, which has limits alone to satisfy
-_CLIMBING, _HOPELESS = 4, 5.0  # nearest starts that climb in the end, and the shortfall of one that does not
-_APART = 0.05  # share of the box by which paths that are worked on must differ
+# rows are part of what this module is asked for
+__all__ = (
+    "ALLOWED",
+    "Shortfall",
+    "fine_margins",
+    "is_feasible",
+    "node_margins",
+    "nodes_within",
+    "price_of",
+    "rows_of",
+    "shortfalls",
+    "spent",
+    "tightened",
+)
+
+ALLOWED = 1e-6  # by how much a margin, of order 1, may fall short
 
 
-@dataclass(frozen=True, eq=False)
-class Sought:
-    """The path of least shortfall that was found, margin < 0 where it breaks a limit, and how many starts were worked on."""
+@dataclass(frozen=True)
+class Shortfall:
+    """One limit that a path breaks."""
 
-    path: Trajectory
-    p: np.ndarray
+    what: str
+    """The limit in words."""
+    time: float
+    """When it is broken most [s]."""
+    by: float
+    """By how much, in `unit`."""
+    unit: str
+    """Unit of `by`."""
     margin: float
-    starts: int
+    """The constraint's own margin there: < 0, of order 1."""
 
-    @property
-    def keeps_all(self) -> bool:
-        """Whether the path breaks no limit."""
-        return self.margin >= 0
+    def __str__(self) -> str:
+        return f"{self.what}: missed by {self.by:.3g}{' ' * bool(self.unit)}{self.unit} at {self.time:.4g} s"
 
 
-def sought(problem: DesignProblem, seed: int, known: tuple[np.ndarray, ...] = (), most: int | None = None) -> Sought:
-    """Return a path that breaks no limit, the first that is found, or the one that came nearest to that.
-
-    known: input histories (N, m) that are tried before all others; most: starts that are worked on at most, None = 44 and those.
-    Every start is moved to where the squares of what it misses are least, then, if that is little, by a climb that has limits
-    alone to satisfy; where no start comes that near, the few nearest climb too. A stationary point of what is missed ends its start only.
-    """
-    reached: list[Sought] = []
-    with one_thread():
-        for p in islice(_promising(problem, seed, known), most):
-            reached.append(_worked_on(problem, p, _NEAR))
-            if reached[-1].keeps_all:
-                return replace(reached[-1], starts=len(reached))
-        reached.sort(key=lambda each: -each.margin)
-        for each in reached[: _CLIMBING if most is None else 0]:
-            if each.margin < -_HOPELESS:
-                break
-            reached.insert(0, _worked_on(problem, each.p, np.inf))
-            if reached[0].keeps_all:
-                break
-    best = max(reached, key=lambda each: each.margin)
-    return replace(best, starts=len(reached))
+def nodes_within(constraint: AbstractConstraint, steps: int, step: float) -> np.ndarray:
+    """Return the nodes of a grid of N steps that lie within a constraint's span, the nearest one at least."""
+    first, last = window_of(constraint, steps * step)
+    inside = nodes_between(first, last, steps, step)
+    return inside if inside.size else np.array([min(steps, round(first / step))])
 
 
-def _promising(problem: DesignProblem, seed: int, known: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
-    """Yield parameters (q,) worth working on: after those that are known the best of ever more candidates, all of which differ."""
-    lower, upper = problem.path.box(problem.grid)
-    width, random, done = upper - lower, np.random.default_rng([seed, 6]), []
-    for u in known:
-        done.append(parameters_of(problem, iter([u]))[0])
-        yield done[-1]
-    every = parameters_of(problem, structured(problem, seed))
-    missed = _missed(problem, every)
-    for looked_at, worked_on in zip(_LOOKED_AT, _WORKED_ON, strict=True):
-        more = random_parameters(problem, looked_at, random)
-        every, missed = np.vstack([every, more]), np.vstack([missed, _missed(problem, more)])
-        if _hopeless(missed):
-            yield every[int(missed.sum(axis=1).argmin())]
-            return
-        ways = [np.argsort(score, kind="stable") for score in (missed.sum(axis=1), np.log1p(missed / 1e-3).sum(axis=1))]
-        chosen = 0
-        for i in (int(i) for pair in zip(*ways, strict=True) for i in pair):
-            if all(np.abs(every[i] - other).max() > _APART * width.max() for other in done) or not missed[i].any():
-                done.append(every[i])
-                yield every[i]
-                chosen += 1
-            if chosen == worked_on:
-                break
+def shortfalls(problem: DesignProblem, path: Trajectory) -> tuple[Shortfall, ...]:
+    """Return every limit that a path breaks, each where it does so most, worst first: constraints, bounds, rates, budgets."""
+    found = [
+        *_constraint_shortfalls(problem, path),
+        *_input_shortfalls(problem, path),
+        *_rate_shortfalls(problem, path),
+        *_budget_shortfalls(problem, path),
+        *_floor_shortfalls(problem, path),
+    ]
+    return tuple(sorted(found, key=lambda each: each.margin))
 
 
-def _hopeless(missed: np.ndarray) -> bool:
-    """Whether something is missed by the same amount on all paths, whatever they do: what they do does not change it."""
-    least, most = missed.min(axis=0), missed.max(axis=0)
-    return bool(((least > ALLOWED) & (most - least <= 1e-9 * most)).any())
+def is_feasible(problem: DesignProblem, path: Trajectory) -> bool:
+    """Whether a path breaks no limit."""
+    return not shortfalls(problem, path)
 
 
-def _missed(problem: DesignProblem, every: np.ndarray) -> np.ndarray:
-    """By how much the paths of parameters (R, q) miss each constraint and budget (R, .), looked at where they have nodes."""
-    grid, constraints = problem.grid, problem.constraints
-    costs = tuple(budget.cost for budget in problem.budgets)
-    if not constraints and not costs:
-        return np.zeros((len(every), 1))
-    functions, owner = nodes_of(problem.system.model, constraints, costs, (problem.step, problem.substeps)), None
-    owner, found = np.array(functions.owner), []
-    size = max(1, _STATES // (grid.steps + 1))
-    for first in range(0, len(every), size):
-        u = np.array([_inputs(problem, p) for p in every[first : first + size]])
-        x = states_from(problem.system, np.tile(problem.x0, (len(u), 1)), u, problem.step, substeps=problem.substeps)
-        ends = np.concatenate([u, u[:, -1:]], axis=1)
-        values = functions.values(x.reshape(-1, x.shape[2]), ends.reshape(-1, ends.shape[2])).reshape(*x.shape[:2], -1)
-        found.append(np.column_stack([*_by_constraint(problem, values, owner), *_by_budget(problem, values, functions.margins)]))
-    return np.nan_to_num(np.vstack(found), nan=np.inf, posinf=1e300)
-
-
-def _by_constraint(problem: DesignProblem, values: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
-    t, found = np.arange(values.shape[1]) * problem.step, []
+@np.errstate(invalid="ignore", over="ignore")  # a path may be absurd: what is no number is no margin
+def _constraint_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
+    if not nodes_of(problem.system.model, problem.constraints).owner:  # limits may limit nothing
+        return []
+    fine, found = fine_margins(problem, path), []
     for i, constraint in enumerate(problem.constraints):
-        first, last = window_of(constraint, t[-1])
-        within = (t >= first - 0.5 * problem.step) & (t <= last + 0.5 * problem.step)
-        least = values[:, within][:, :, owner == i].min(axis=2, initial=np.inf)
-        found.append(np.maximum(0.0, -(least.max(axis=1) if constraint.span.anywhere else least.min(axis=1))))
+        mine = np.flatnonzero(fine.owner == i)
+        if not len(mine):
+            continue
+        span = constraint.span
+        worst = fine.best(mine, span) if span.anywhere else min(fine.lows(mine, span), key=_value, default=None)
+        if worst is not None and not worst.value >= -ALLOWED:
+            size, unit = constraint.size
+            found.append(Shortfall(str(constraint), worst.time, float(-worst.value * size), unit, worst.value))
     return found
 
 
-def _by_budget(problem: DesignProblem, values: np.ndarray, margins: int) -> list[np.ndarray]:
-    totals = values[:, :-1, margins:].sum(axis=1) * problem.step
-    return [np.maximum(0.0, total / budget.at_most - 1) for budget, total in zip(problem.budgets, totals.T, strict=True)]
+def _input_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
+    found = []
+    for j, signal in enumerate(problem.system.model.inputs):
+        u, width = path.u[:, j], problem.upper[j] - problem.lower[j]
+        beyond = np.maximum(u - problem.upper[j], problem.lower[j] - u)
+        k = int(beyond.argmax())
+        if beyond[k] > ALLOWED * width:
+            limits = f"{signal.name} within {problem.lower[j]:g} to {problem.upper[j]:g} {signal.unit}"
+            found.append(Shortfall(limits, float(path.t[k]), float(beyond[k]), signal.unit, float(-beyond[k] / width)))
+    return found
 
 
-def _worked_on(problem: DesignProblem, p: np.ndarray, near: float) -> Sought:
-    """Move parameters to where limits are kept, as far as one start leads; near: the shortfall from which it climbs, too."""
-    rows, margin, path = rows_of(problem), -np.inf, None
-    for _ in range(_ROUNDS):
-        program = Program(problem, rows, judged=False)
-        reached = repaired(program, p, FEASIBLE)
-        p = reached.p
-        if FEASIBLE < reached.violation <= near or (problem.floor is not None and reached.violation <= near):
-            limits = Limits(iterations=_ITERATIONS)
-            p = climb(program, nothing(len(problem.x0)), p, limits=limits).p
-        path, margin = _judged(problem, p)
-        following = None if margin >= 0 else tightened(problem, path, rows)
-        if following is None or reached.violation > near:
-            break
-        rows = following
-    if path is None:
-        raise AssertionError("there is a round")
-    return Sought(path, p, margin, 1)
+def _rate_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
+    """Rates of change: those between neighbouring steps, or those of the family where the inputs are of it and these are less."""
+    found, steps = [], np.abs(np.diff(path.u, axis=0)) / path.step
+    limits = np.array([problem.rates.get(signal.name, np.inf) for signal in problem.system.model.inputs])
+    if not (steps > limits * (1 + ALLOWED)).any():
+        return []
+    of_family = _family_rates(problem, path.u)
+    for j in np.flatnonzero(np.minimum(steps.max(axis=0), of_family) > limits * (1 + ALLOWED)):
+        signal, limit, k = problem.system.model.inputs[j], limits[j], int(steps[:, j].argmax())
+        rate, unit = float(min(steps[k, j], of_family[j])), f"{signal.unit}/s"
+        what = f"{signal.name} changing by at most {limit:g} {unit}"
+        found.append(Shortfall(what, float(path.t[k + 1]), float(rate - limit), unit, float(1 - rate / limit)))
+    return found
 
 
-def _inputs(problem: DesignProblem, p: np.ndarray) -> np.ndarray:
-    """Inputs (N, m) of parameters (q,)."""
-    u: Any = problem.path.inputs(p, problem.grid)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    return np.asarray(u, dtype=float).reshape(problem.steps, -1)
+def _family_rates(problem: DesignProblem, u: np.ndarray) -> np.ndarray:
+    """The largest rate of change of each input (m,) by the problem's family, inf where u (N, m) is none of it."""
+    grid, none = problem.grid, np.full(u.shape[1], np.inf)
+    if len(u) != grid.steps:
+        return none
+    p = problem.path.fit(u, grid)
+    same = np.array(problem.path.inputs(p, grid), dtype=float).reshape(u.shape)  # pyright: ignore[reportArgumentType]  # serves both kinds
+    if not (np.abs(same - u) <= ALLOWED * (problem.upper - problem.lower)).all():
+        return none
+    rates = np.array(problem.path.rates(p, grid), dtype=float)  # pyright: ignore[reportArgumentType]
+    return np.abs(rates).max(axis=0, initial=0.0)
 
 
-def _judged(problem: DesignProblem, p: np.ndarray) -> tuple[Trajectory, float]:
-    """The path of parameters, and its least margin where that is below 0; 0 where all limits are kept."""
-    path = simulate(problem.system, problem.x0, _inputs(problem, p), problem.step, tolerance=problem.tolerance)
-    return path, min((each.margin for each in shortfalls(problem, path)), default=0.0)
+def _budget_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
+    found = []
+    for budget, total in zip(problem.budgets, spent(problem, path, tuple(budget.cost for budget in problem.budgets)), strict=True):
+        margin = 1 - total / budget.at_most
+        if margin < -ALLOWED:
+            what = f"{budget.cost} at most {budget.at_most:g} {budget.cost.unit}".rstrip()
+            found.append(Shortfall(what, float(path.t[-1]), float(total - budget.at_most), budget.cost.unit, float(margin)))
+    return found
+
+
+def _floor_shortfalls(problem: DesignProblem, path: Trajectory) -> list[Shortfall]:
+    floor = problem.floor
+    if floor is None:
+        return []
+    length = round(floor.seconds / problem.step)
+    windows = sliding_information(problem.system, path, length).sum(axis=1)
+    lowest = np.linalg.eigvalsh(problem.scaled(windows))[:, 0]
+    first = np.unique(np.append(np.arange(0, len(lowest), max(1, length // 2)), len(lowest) - 1))
+    k = int(first[lowest[first].argmin()])
+    margin = float(lowest[k] / floor.value - 1)
+    if margin >= -ALLOWED:
+        return []
+    what = f"Floor: lambda_min of every {floor.seconds:g} s at least {floor.value:g}"
+    return [Shortfall(what, float(path.t[k]), float(floor.value - lowest[k]), "", margin)]
+
+
+def price_of(problem: DesignProblem, path: Trajectory) -> float:
+    """Return what the criterion loses to prices along a path."""
+    if not problem.prices:
+        return 0.0
+    totals = spent(problem, path, tuple(price.cost for price in problem.prices))
+    return float(np.array([price.per_unit for price in problem.prices]) @ totals)
+
+
+def spent(problem: DesignProblem, path: Trajectory, costs: tuple[AbstractCost, ...]) -> np.ndarray:
+    """Return what costs (c,) come to along a path, integrated within tenths of its steps."""
+    if not costs:
+        return np.zeros(0)
+    step, x, u = refined(problem, path, FINER)
+    return nodes_of(problem.system.model, (), costs, (step, 1)).values(x[:-1], u).sum(axis=0) * step
+
+
+def _value(low: Low) -> float:
+    return low.value

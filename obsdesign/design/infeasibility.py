@@ -13,11 +13,11 @@ from obsdesign.constraints.goal_pose import GoalPose
 from obsdesign.constraints.via import Via
 from obsdesign.costs.path_length import PathLength
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.caps import cap_of
-from obsdesign.design.feasibility import Sought, sought
-from obsdesign.design.limits import Shortfall, is_feasible, shortfalls
+from obsdesign.design.feasibility import Shortfall, is_feasible, shortfalls
+from obsdesign.design.feasible_search import Sought, sought
+from obsdesign.design.initial_guesses import shortest_inputs, shortest_time
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.starts import shortest_inputs, shortest_time
+from obsdesign.design.upper_bound import cap_of
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 
 # durations and bounds so many times what is asked are tried as a relaxation, from so many starts each

@@ -10,25 +10,25 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.accuracy import substeps_from
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, require_tolerance
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.costs._terms import Budget, Price
+from obsdesign.costs._price_budget import Budget, Price
 from obsdesign.criteria._factor import shadow
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.consistency import require_consistent
+from obsdesign.design.problem_checks import require_consistent
 from obsdesign.display import AbstractDisplay, Summary, number, numbers
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.simulation import as_scale, as_state, simulate, substeps_needed
+from obsdesign.dynamics.substeps import substeps_from
 from obsdesign.errors import InputError
+from obsdesign.information.accumulation import batch_information, path_information
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.posterior import posterior_information
-from obsdesign.information.totals import batch_information, path_information
-from obsdesign.model import AbstractSystem
 from obsdesign.paths.abstract import AbstractPath, Grid
 from obsdesign.prior import Prior
 from obsdesign.round_off import may_be_singular
-from obsdesign.simulation import as_scale, as_state, simulate, substeps_needed
 from obsdesign.trajectory import TOLERANCE, Trajectory
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.limits import Shortfall
+from obsdesign.design.feasibility import Shortfall
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
-from obsdesign.information.record import Information
+from obsdesign.information.blocks import Information
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 

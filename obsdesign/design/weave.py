@@ -8,11 +8,11 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.choosing import objective_of
-from obsdesign.design.limits import is_feasible, node_margins, price_of
+from obsdesign.design.best_design import objective_of
+from obsdesign.design.feasibility import is_feasible, node_margins, price_of
 from obsdesign.design.problem import DesignProblem
+from obsdesign.dynamics.simulation import simulate, states_from
 from obsdesign.errors import InputError
-from obsdesign.simulation import simulate, states_from
 from obsdesign.trajectory import Trajectory
 
 _LEAD = 5.0  # seconds in which the course is turned to before weaving

@@ -9,14 +9,14 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.checks import all_finite
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.nuisance_states import Nuisance, nuisance_of
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import substeps_needed
+from obsdesign.dynamics.step import CACHED, Step, step_of
 from obsdesign.errors import InputError
-from obsdesign.estimation._roots import Scans, root_belief, root_of, root_scans, root_start
-from obsdesign.model import AbstractSystem, Model
-from obsdesign.nuisance import Nuisance, nuisance_of
+from obsdesign.estimation._square_root_scans import Scans, root_belief, root_of, root_scans, root_start
 from obsdesign.packing import packed, packed_values, symmetric, unpacked
-from obsdesign.scan import Scan
-from obsdesign.simulation import substeps_needed
-from obsdesign.step import CACHED, Step, step_of
 from obsdesign.trajectory import TOLERANCE
 
 

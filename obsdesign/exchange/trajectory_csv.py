@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError
-from obsdesign.exchange._recovering import recovered_inputs
-from obsdesign.model import AbstractSystem
+from obsdesign.exchange._input_recovery import recovered_inputs
 from obsdesign.signals import Signal
 from obsdesign.trajectory import Trajectory
 

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, require_positive, require_tolerance
 from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate, substeps_needed
+from obsdesign.dynamics.step import CACHED
 from obsdesign.errors import InputError
+from obsdesign.information.accumulation import Walk, stepped, walk_of
 from obsdesign.information.gramian import require_sensors, variational_gramian
-from obsdesign.information.totals import Walk, stepped, walk_of
-from obsdesign.model import AbstractSystem, Model
 from obsdesign.round_off import may_be_singular
-from obsdesign.scan import Scan
-from obsdesign.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate, substeps_needed
-from obsdesign.step import CACHED
 from obsdesign.trajectory import TOLERANCE
 
 

@@ -14,17 +14,17 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import all_finite, as_array
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import held_along, readings, states_from, substeps_along
+from obsdesign.dynamics.step import CACHED, blocks_of, dense_blocks, sensitivity_along, step_of
 from obsdesign.errors import InputError
-from obsdesign.information.colour import colour_of, require_coloured
-from obsdesign.information.origin import origin_of
-from obsdesign.information.record import Information, with_samples
-from obsdesign.information.samples import Samples
-from obsdesign.information.sampling import sampled_only, samples_of, with_derivatives
+from obsdesign.information.blocks import Information, with_samples
+from obsdesign.information.correlated_noise import colour_of, require_coloured
+from obsdesign.information.correlated_samples import Samples
+from obsdesign.information.provenance import origin_of
+from obsdesign.information.sample_information import sampled_only, samples_of, with_derivatives
 from obsdesign.information.whitening import seen_of
-from obsdesign.model import AbstractSystem, Model
-from obsdesign.scan import Scan
-from obsdesign.simulation import held_along, readings, states_from, substeps_along
-from obsdesign.step import CACHED, blocks_of, dense_blocks, sensitivity_along, step_of
 from obsdesign.trajectory import Trajectory
 
 _HALVED = 15  # change of an integral of order 4 when its pieces are halved, over what is left of its error

@@ -14,14 +14,14 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import lie_derivative
 from obsdesign.checks import as_pair, require_count, require_known
 from obsdesign.display import AbstractDisplay, Summary, number
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import as_scale, held_along
+from obsdesign.dynamics.step import CACHED, steps_per_sample
 from obsdesign.geometry import circle_through
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.windows import sliding_information
-from obsdesign.model import AbstractSystem, Model
-from obsdesign.scan import Scan
 from obsdesign.signals import Point
-from obsdesign.simulation import as_scale, held_along
-from obsdesign.step import CACHED, steps_per_sample
 from obsdesign.trajectory import Trajectory
 
 _SAMPLES = 3  # of each bearing: two are 6 numbers, and one of them too few for 6 states where one sample is taken on the circle

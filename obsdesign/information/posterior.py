@@ -11,19 +11,19 @@ from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.nuisance_states import Nuisance, nuisance_of
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import held_along, substeps_along
+from obsdesign.dynamics.step import CACHED, step_of
 from obsdesign.errors import InputError
-from obsdesign.information.backward import backwards, backwards_lasting, refuse, sample_rows
+from obsdesign.information.backward_pass import backwards, backwards_lasting, refuse, sample_rows
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.lasting import Errors, carried_with, sampled_with
-from obsdesign.information.recursion import Disturbance, Root, shaken
-from obsdesign.information.sampling import sampled
-from obsdesign.model import AbstractSystem, Model
-from obsdesign.nuisance import Nuisance, nuisance_of
+from obsdesign.information.information_update import Disturbance, Root, shaken
+from obsdesign.information.nuisance_information import Errors, carried_with, sampled_with
+from obsdesign.information.sample_information import sampled
 from obsdesign.packing import packed, packed_values, symmetric
 from obsdesign.prior import Prior
-from obsdesign.scan import Scan
-from obsdesign.simulation import held_along, substeps_along
-from obsdesign.step import CACHED, step_of
 from obsdesign.trajectory import Trajectory
 
 _UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from obsdesign.information.colour import Colour
-from obsdesign.model import Model
+from obsdesign.dynamics.model import Model
+from obsdesign.information.correlated_noise import Colour
 
 
 @dataclass(frozen=True, eq=False)

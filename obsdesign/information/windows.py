@@ -9,15 +9,15 @@ import numpy as np
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, require_count
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import held_along, substeps_along
+from obsdesign.dynamics.step import CACHED, blocks_of, dense_blocks, step_of
 from obsdesign.errors import InputError
-from obsdesign.information.colour import colour_of
+from obsdesign.information.accumulation import walk_along
+from obsdesign.information.correlated_noise import colour_of
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.sampling import sampled_only, with_derivatives
-from obsdesign.information.totals import walk_along
-from obsdesign.model import AbstractSystem, Model
-from obsdesign.scan import Scan
-from obsdesign.simulation import held_along, substeps_along
-from obsdesign.step import CACHED, blocks_of, dense_blocks, step_of
+from obsdesign.information.sample_information import sampled_only, with_derivatives
 from obsdesign.trajectory import Trajectory
 
 _ENTRIES = 1 << 20  # numbers of the rows that are walked at once: 8 MB of doubles

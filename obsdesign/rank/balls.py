@@ -13,8 +13,8 @@ import casadi as ca
 import flint
 from flint import arb, arb_mat, arb_series
 
+from obsdesign.rank.exact_numbers import as_ball
 from obsdesign.rank.graph import Arithmetic, NotExactError, require_short
-from obsdesign.rank.numbers import as_ball
 
 PRECISIONS = (256, 512, 1024, 2048, 4096)
 """Working precisions [bits], tried in turn."""

@@ -11,10 +11,10 @@ import flint
 import numpy as np
 from flint import arb
 
+from obsdesign.rank.ball_rows import Rows, cleared, exponent, orthonormal, scaled
 from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS, is_finite
+from obsdesign.rank.exact_numbers import Number, as_ball
 from obsdesign.rank.graph import Instruction, NoValueError, evaluate, instructions
-from obsdesign.rank.numbers import Number, as_ball
-from obsdesign.rank.rows import Rows, cleared, exponent, orthonormal, scaled
 
 
 @dataclass(frozen=True)

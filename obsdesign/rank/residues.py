@@ -10,9 +10,9 @@ from flint import nmod, nmod_mat, nmod_poly
 
 from obsdesign.rank.balls import IRRATIONAL, irrational_part
 from obsdesign.rank.elimination import Bound
-from obsdesign.rank.formal import Formal
+from obsdesign.rank.exact_numbers import Number, as_residue
+from obsdesign.rank.formal_series import Formal
 from obsdesign.rank.graph import Arithmetic, evaluate, instructions, require_short
-from obsdesign.rank.numbers import Number, as_residue
 from obsdesign.rank.symbols import PRIME, ROOT_OF_PI, Symbols
 
 _IRRATIONAL = dict(zip(IRRATIONAL, (2 * pow(ROOT_OF_PI, -1, PRIME) % PRIME, ROOT_OF_PI * pow(2, -1, PRIME) % PRIME), strict=True))

@@ -14,8 +14,8 @@ import casadi as ca
 import flint
 from flint import arb_mat
 
+from obsdesign.common_subexpressions import without_repeats
 from obsdesign.rank.graph import Arithmetic, Instruction, evaluate, instructions
-from obsdesign.repeats import without_repeats
 
 Series = list[Any]  # coefficients of t^0, t^1, ...
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from obsdesign.report import facts
+from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
-from obsdesign.report.naming import gap_formula, path_in_words, schedule_criterion
-from obsdesign.report.rounding import NARROW, plain, rounded, with_unit
+from obsdesign.report.names import gap_formula, path_in_words, schedule_criterion
+from obsdesign.report.number_format import NARROW, plain, rounded, with_unit
 from obsdesign.study.record import Study
 
 MENTIONED = 0.15  # components of a direction smaller than this go without saying

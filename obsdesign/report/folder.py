@@ -10,10 +10,10 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError
 from obsdesign.exchange.schedule_csv import schedule_csv
 from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.derived_quantities import segment_nodes
 from obsdesign.report.document import Result
-from obsdesign.report.facts import segment_nodes
-from obsdesign.report.page import page_of
-from obsdesign.report.result import result_of
+from obsdesign.report.html import page_of
+from obsdesign.report.to_document import result_of
 from obsdesign.study.record import Study
 
 

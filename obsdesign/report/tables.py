@@ -8,15 +8,15 @@ from typing import Literal
 import numpy as np
 
 from obsdesign.analysis.verdict import Verdict
-from obsdesign.information.shares import shortest_bulk
-from obsdesign.report import facts
-from obsdesign.report.designing import objective_name
-from obsdesign.report.naming import path_in_words, shortfalls_in_words
-from obsdesign.report.rounding import MINUS, NARROW, label, plain, polished, readable, rounded
+from obsdesign.estimation.validation import CONSISTENT_SHARE
+from obsdesign.information.contribution_shares import shortest_bulk
+from obsdesign.report import derived_quantities as facts
+from obsdesign.report.names import path_in_words, shortfalls_in_words
+from obsdesign.report.number_format import MINUS, NARROW, label, plain, polished, readable, rounded
+from obsdesign.report.sections.design import objective_name
 from obsdesign.report.wording import criterion_name
 from obsdesign.signals import Signal
 from obsdesign.study.record import Analysis, Candidate, Check, Quality, Study
-from obsdesign.validation import CONSISTENT_SHARE
 
 DASH = "–"
 Tone = Literal["", "good", "bad"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from obsdesign.report import facts
-from obsdesign.report.naming import CRITERIA, path_in_words
-from obsdesign.report.rounding import NARROW, joined, percent, plain, polished, rounded, with_unit
+from obsdesign.report import derived_quantities as facts
+from obsdesign.report.names import CRITERIA, path_in_words
+from obsdesign.report.number_format import NARROW, joined, percent, plain, polished, rounded, with_unit
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.study.record import Check, Study
 

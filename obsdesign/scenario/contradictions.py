@@ -12,9 +12,9 @@ from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import Grid
-from obsdesign.scenario.rules import rule_problems
+from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
+from obsdesign.scenario.rule_problems import rule_problems
 from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE, Leg, Scenario
-from obsdesign.scenario.wording import Location, Problem, unknown_key, unknown_name
 
 _OF_GIVEN_PATHS = ("criterion", "about", "suites", "constraints")  # keys of [design] that hold for them too
 _MOST_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory

@@ -16,10 +16,10 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
 from obsdesign.scenario.contradictions import contradictions
 from obsdesign.scenario.degrees import in_radians, no_angles
-from obsdesign.scenario.leaves import COST, LEAVES
+from obsdesign.scenario.kind_tables import COST, LEAVES
+from obsdesign.scenario.problem_text import Location, Problem, described, in_file, of_another_type, unknown_key
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.sizes import too_large
-from obsdesign.scenario.wording import Location, Problem, described, in_file, of_another_type, unknown_key
 
 _OWN = ("file", "digest")  # fields of the record that are no keys of the file
 

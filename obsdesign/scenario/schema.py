@@ -15,12 +15,12 @@ import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import leaf
-from obsdesign.scenario.leaves import family_of, flat
+from obsdesign.scenario.kind_tables import family_of, flat
 from obsdesign.sensors.abstract import distinct_names
 
 if TYPE_CHECKING:
+    from obsdesign.dynamics.system import System
     from obsdesign.prior import Prior
-    from obsdesign.system import System
 
 
 class _Table(BaseModel):
@@ -215,7 +215,7 @@ class Scenario(_Table):
     @property
     def system(self) -> System:
         """The vehicle with all its sensors."""
-        from obsdesign.system import System
+        from obsdesign.dynamics.system import System
 
         return System(self.vehicle, self.sensors)
 

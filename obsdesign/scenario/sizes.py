@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from obsdesign.scenario.wording import Location, Problem
+from obsdesign.scenario.problem_text import Location, Problem
 
 LARGEST = 1e100
 """Of a number, in size: squares and their products must stay below 1.8e308."""

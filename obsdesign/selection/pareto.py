@@ -17,13 +17,13 @@ from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.errors import InputError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
-from obsdesign.selection.columns import bound_of
-from obsdesign.selection.duals import Dual
-from obsdesign.selection.instance import Instance
-from obsdesign.selection.posing import posed
+from obsdesign.selection.build import posed
+from obsdesign.selection.integer.search import Wanted
+from obsdesign.selection.problem import Instance
+from obsdesign.selection.relaxation.column_generation import bound_of
+from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.schedule import Schedule, require_blocks
-from obsdesign.selection.searching import Wanted
-from obsdesign.selection.selecting import chosen_for
+from obsdesign.selection.solver import chosen_for
 
 if TYPE_CHECKING:
     from pandas import DataFrame

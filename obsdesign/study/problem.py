@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from obsdesign.costs._terms import Budget, Price
+from obsdesign.costs._price_budget import Budget, Price
 from obsdesign.design.problem import DesignProblem, Floor, Robust
+from obsdesign.dynamics.simulation import simulate
+from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.scenario.schema import Scenario
 from obsdesign.sensors.abstract import AbstractSensor
-from obsdesign.simulation import simulate
-from obsdesign.system import System
 from obsdesign.trajectory import Trajectory
 
 

@@ -8,21 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.analysis.verdict import Verdict
-from obsdesign.design.limits import Shortfall
+from obsdesign.design.feasibility import Shortfall
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.weave import Weave
 from obsdesign.display import AbstractDisplay, Summary, number
-from obsdesign.flight import Flight
-from obsdesign.information.record import Information
-from obsdesign.information.shares import Contributions
-from obsdesign.joint.record import Joint
+from obsdesign.estimation.validation import Validation
+from obsdesign.information.blocks import Information
+from obsdesign.information.contribution_shares import Contributions
+from obsdesign.joint.result import Joint
+from obsdesign.planning.closed_loop import Flight
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Scenario
-from obsdesign.selection.losses import Loss
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
+from obsdesign.selection.sensor_loss import Loss
 from obsdesign.trajectory import Trajectory
-from obsdesign.validation import Validation
 
 CHOSEN = "chosen"  # the name of the schedule, as STRAIGHT and DESIGNED are those of paths
 

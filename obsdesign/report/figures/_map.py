@@ -23,7 +23,7 @@ from obsdesign.constraints.stand_off import StandOff
 from obsdesign.constraints.via import Via
 from obsdesign.geometry import circle_through
 from obsdesign.report.figures._drawing import BLUE, GREEN, INK, PURPLE, QUIET, VERMILLION
-from obsdesign.report.rounding import NARROW, plain
+from obsdesign.report.number_format import NARROW, plain
 from obsdesign.signals import Point
 
 _LOOKS = {

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from obsdesign.constraints.circle_clearance import CircleClearance
-from obsdesign.design.nodes import nodes_of
+from obsdesign.design.nlp.node_functions import nodes_of
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
 from obsdesign.scenario.schema import DESIGNED
 from obsdesign.study.record import Study

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.facts import mark, settled_after
+from obsdesign.report.derived_quantities import mark, settled_after
 from obsdesign.report.figures._drawing import FAINT, INK, inline_svg, legend_below, light_grid
 from obsdesign.report.figures.errors import case_colour, is_ours, number_axis
 from obsdesign.study.record import Study

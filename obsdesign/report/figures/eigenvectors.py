@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.facts import cleaned, sensors_in_words
+from obsdesign.report.derived_quantities import cleaned, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg
 from obsdesign.scenario.schema import DESIGNED
 from obsdesign.study.record import Study

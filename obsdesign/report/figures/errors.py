@@ -9,9 +9,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from obsdesign.report.facts import CHOSEN, mark, states_of
+from obsdesign.report.derived_quantities import CHOSEN, mark, states_of
 from obsdesign.report.figures._drawing import BLUE, INK, ORANGE, SKY, VERMILLION, inline_svg, light_grid
-from obsdesign.report.rounding import label, readable
+from obsdesign.report.number_format import label, readable
 from obsdesign.signals import Signal
 from obsdesign.study.record import Check, Study
 

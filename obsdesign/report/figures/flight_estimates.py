@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.flight import Flight
-from obsdesign.report.facts import states_of
+from obsdesign.planning.closed_loop import Flight
+from obsdesign.report.derived_quantities import states_of
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, light_grid
-from obsdesign.report.rounding import label, readable
+from obsdesign.report.number_format import label, readable
 from obsdesign.study.record import Study
 
 _ON_THE_MAP = ("x", "y")

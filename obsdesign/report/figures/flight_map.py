@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.flight import Flight
+from obsdesign.planning.closed_loop import Flight
 from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.study.record import Study

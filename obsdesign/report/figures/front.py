@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from obsdesign.report.facts import mark
+from obsdesign.report.derived_quantities import mark
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, legend_below, light_grid
-from obsdesign.report.naming import schedule_criterion
+from obsdesign.report.names import schedule_criterion
 from obsdesign.rules.energy_budget import EnergyBudget
-from obsdesign.study.choosing import segments_of
 from obsdesign.study.record import Study
+from obsdesign.study.schedules import segments_of
 
 _POINTS = 200  # of a line that is straight between few corners: more of them make sharper corners and a larger page
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
-from obsdesign.report.rounding import label, readable
+from obsdesign.report.number_format import label, readable
 from obsdesign.scenario.schema import STRAIGHT
 from obsdesign.study.record import Study
 

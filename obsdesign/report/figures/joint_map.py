@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.joint.record import Joint
+from obsdesign.joint.result import Joint
 from obsdesign.report.figures._drawing import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, SKY, VERMILLION, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
-from obsdesign.report.together import PATH_FIRST, SENSORS_FIRST, TOGETHER, answers
+from obsdesign.report.sections.codesign import PATH_FIRST, SENSORS_FIRST, TOGETHER, answers
 from obsdesign.study.record import Study
 
 _SENSORS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK)

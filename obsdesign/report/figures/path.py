@@ -11,11 +11,11 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from obsdesign.report.facts import mark, position_covariances, segment_shares
+from obsdesign.report.derived_quantities import mark, position_covariances, segment_shares
 from obsdesign.report.figures._drawing import INK, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
-from obsdesign.report.naming import path_in_words
-from obsdesign.report.rounding import NARROW, plain, rounded
+from obsdesign.report.names import path_in_words
+from obsdesign.report.number_format import NARROW, plain, rounded
 from obsdesign.scenario.schema import DESIGNED, SHORTEST, WEAVE
 from obsdesign.study.record import Study
 

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.facts import mark, segment_nodes
+from obsdesign.report.derived_quantities import mark, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, inline_svg
-from obsdesign.report.naming import gap_in_words, path_in_words, schedule_criterion
-from obsdesign.report.rounding import rounded
+from obsdesign.report.names import gap_in_words, path_in_words, schedule_criterion
+from obsdesign.report.number_format import rounded
 from obsdesign.study.record import Study
 
 

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from obsdesign.report.facts import mark, segment_nodes
+from obsdesign.report.derived_quantities import mark, segment_nodes
 from obsdesign.report.figures._drawing import INK, QUIET, inline_svg
-from obsdesign.report.naming import path_in_words
-from obsdesign.report.scheduling import otherwise
+from obsdesign.report.names import path_in_words
+from obsdesign.report.sections.schedule import otherwise
 from obsdesign.study.record import Study
 
 _LEAST, _MOST = 1e-2, 1e2  # % of the bound between which colours differ

@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from obsdesign.report.facts import mark, or_zero
+from obsdesign.report.derived_quantities import mark, or_zero
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
-from obsdesign.report.naming import schedule_criterion
-from obsdesign.report.rounding import NOTHING, rounded
+from obsdesign.report.names import schedule_criterion
+from obsdesign.report.number_format import NOTHING, rounded
 from obsdesign.study.record import CHOSEN, Study
 
 

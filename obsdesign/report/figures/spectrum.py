@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from obsdesign.report.facts import cap_for, cleaned, judged_by_eigenvalue, sensors_in_words
+from obsdesign.report.derived_quantities import cap_for, cleaned, judged_by_eigenvalue, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg, light_grid, path_colour
-from obsdesign.report.rounding import rounded
+from obsdesign.report.number_format import rounded
 from obsdesign.study.record import Study
 
 _LETTERS = 56  # that fit side by side below the columns

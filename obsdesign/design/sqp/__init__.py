@@ -1,0 +1,1 @@
+"""Sequential quadratic programming with matrix inequalities; knows nothing of paths or sensors."""

@@ -1,0 +1,73 @@
+"""How good any path could be: the part of the information that no path changes."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.record import Cap
+from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.simulation import simulate
+from obsdesign.dynamics.step import blocks_of, sensitivity_of, step_of
+from obsdesign.information.correlated_noise import Colour, colour_of
+from obsdesign.information.whitening import seen_of
+from obsdesign.round_off import smallest_eigenvalue
+
+
+def cap_of(problem: DesignProblem) -> Cap | None:
+    """Return lambda_min of the largest principal block of S W S that does not depend on the path, or None without one.
+
+    By interlacing lambda_min(S W S) <= lambda_min(S W S[I, I]) for every index set I. W_ii = sum |C Phi e_i|^2 / sigma^2 is
+    constant where every term is, and with W_ii and W_jj so is W_ij: the block is all of the constant diagonal. Constant means that
+    no term depends on the state or the inputs, by the structure of the step. W is that of the noise that is stated: where errors are
+    not independent, what is constant is the part of the rows that it is made of. Only for MinEigenvalue of all states without prices.
+    """
+    if not isinstance(problem.criterion, MinEigenvalue) or problem.about or problem.prices:
+        return None
+    block = np.flatnonzero(_unmoved(problem))
+    if not block.size:
+        return None
+    grid = problem.grid
+    idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step, tolerance=problem.tolerance)
+    W = problem.matrix(idle)
+    names = tuple(problem.system.model.state_names[i] for i in block)
+    return Cap(smallest_eigenvalue(W[np.ix_(block, block)]), names)
+
+
+def _unmoved(problem: DesignProblem) -> np.ndarray:
+    """Which diagonal entries (n,) of W no path changes."""
+    model = problem.system.model
+    n, one = len(model.states), step_of(model, problem.step, problem.substeps).without_disturbance()
+    shape = sensitivity_of(model, problem.step, problem.substeps)
+    moved = np.zeros(shape.free.numel(), dtype=bool)  # entries of Phi that depend on the path
+    symbols = ca.vertsplit(shape.free)
+    while True:
+        causes = ca.vertcat(one.x, one.u, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
+        now = np.array([ca.depends_on(shape.next[i], causes) for i in range(len(moved))], dtype=bool) | moved
+        if (now == moved).all():
+            break
+        moved = now
+    causes = ca.vertcat(one.x, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
+    blocks = blocks_of(model, shape.Phi)
+    coloured = () if (colour := colour_of(model)) is None else colour.places
+    white = [block for s, block in enumerate(blocks) if s not in coloured]
+    still = np.array([not any(block.has_nz(i, i) and ca.depends_on(block[i, i], causes) for block in white) for i in range(n)])
+    return still if colour is None else still & _unmoved_rows(model, colour, shape.Phi, causes)
+
+
+def _unmoved_rows(model: Model, colour: Colour, Phi: ca.SX, causes: ca.SX) -> np.ndarray:
+    """For which states (n,) no path changes what outputs say whose errors are not independent.
+
+    W_ij is made of the rows' columns i and j, spreads and gates, of all outputs whose errors belong together: all constant, or 0.
+    """
+    seen, n = seen_of(model, colour, Phi), Phi.shape[1]
+    still = np.ones(n, dtype=bool)
+    for members in map(list, colour.together):
+        noise = ca.vertcat(seen.level[members], seen.gate[members])
+        for i in range(n):
+            column = ca.sparsify(seen.rows[members, i])
+            if column.nnz() and ca.depends_on(ca.vertcat(ca.densify(column), noise), causes):
+                still[i] = False
+    return still

@@ -1,0 +1,1 @@
+"""What moves and what is measured: models, systems, steps, paths from inputs."""

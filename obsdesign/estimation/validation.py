@@ -1,0 +1,222 @@
+"""Monte Carlo over a filter: does it reach the bound, and does it know how well it does?"""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import chi2
+
+from obsdesign.arguments import validate_arguments
+from obsdesign.calculus import wrap_columns
+from obsdesign.checks import as_array, require_count
+from obsdesign.display import AbstractDisplay, Summary, data_frame, number
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.simulation import readings, simulate, states_from, substeps_along
+from obsdesign.dynamics.step import steps_per_sample
+from obsdesign.errors import InputError
+from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.information.gramian import require_fit
+from obsdesign.information.posterior import noise_factor, posterior_information
+from obsdesign.information.sample_information import sampled
+from obsdesign.prior import Prior
+from obsdesign.round_off import standard_deviations
+from obsdesign.selection.schedule import Schedule
+from obsdesign.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+SETTLED = 0.25  # share of the path after which consistency is judged
+CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
+ARRIVES = 0.5  # a sample arrives where the sensor's gate is wider than this at the true state
+_CHUNK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
+
+Consistency = Literal["consistent", "overconfident", "underconfident"]
+
+
+@dataclass(frozen=True, eq=False)
+class Validation(AbstractDisplay):
+    """What R filter runs did, against the posterior Cramer-Rao bound.
+
+    Values at t_k are after that instant's update, predicted at t_N. `consistent`: at least 65 % of the later instants are in the band.
+    """
+
+    t: np.ndarray
+    """Instants (N+1,) [s]."""
+    rmse: np.ndarray
+    """Root mean square error of each state over the runs (N+1, n), in the units of the states."""
+    bound: np.ndarray
+    """Posterior Cramer-Rao standard deviation (N+1, n), in the units of the states."""
+    nees: np.ndarray
+    """Run-averaged e'P^-1 e (N+1,): n on average for an honest filter."""
+    nees_interval: tuple[float, float]
+    """Its 95 % band (low, high): chi-square, R n degrees of freedom, over R."""
+    in_band: float
+    """Share of the instants after the first quarter inside the band."""
+    verdict: Consistency
+    """The same as a word: whether the filter's covariance tells the truth about its errors."""
+    runs: int
+    """Number R of runs."""
+    seed: int
+    """Seed of their noise."""
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the filter's covariance tells the truth about its errors."""
+        return self.verdict == "consistent"
+
+    def to_dataframe(self) -> DataFrame:
+        """Return times as the index, and columns rmse0.., bound0.. for each state and nees.
+
+        Raises MissingPackageError where pandas is not installed.
+        """
+        tables = {"rmse": self.rmse, "bound": self.bound}
+        columns = {f"{name}{i}": column for name, values in tables.items() for i, column in enumerate(values.T)}
+        return data_frame(columns | {"nees": self.nees}, {"t": self.t})
+
+    def _summary(self) -> Summary:
+        last = zip(self.rmse[-1], self.bound[-1], strict=True)
+        rows = [(f"state {i} at the end", f"RMSE {number(error)}, bound {number(bound)}") for i, (error, bound) in enumerate(last)]
+        low, high = self.nees_interval
+        rows.append(("NEES", f"{100 * self.in_band:.0f} % of the later instants within {number(low)} to {number(high)}"))
+        return Summary(f"filter over {self.runs} runs: {self.verdict}", tuple(rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """Everything a worker needs for one chunk of runs."""
+
+    system: AbstractSystem
+    path: Trajectory
+    prior: Prior
+    active: np.ndarray
+    noise: np.ndarray
+    seed: int
+    runs: range
+    substeps: int
+
+
+@validate_arguments
+def validate(
+    system: AbstractSystem,
+    path: Trajectory,
+    schedule: Schedule | ArrayLike | None = None,
+    *,
+    prior: Prior,
+    runs: int = 200,
+    seed: int = 0,
+    executor: Executor | None = None,
+    disturbance_psd: ArrayLike | None = None,
+) -> Validation:
+    """Run an EKF on simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
+
+    NEES e'P^-1 e, averaged over the runs, is n for an honest filter; RMSE is compared with sqrt(diag(J^-1)).
+    Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise; its samples have the sensors' correlated,
+    joint and constant errors, and are missing out of range and view. Each filter starts at a draw from N(x(t_0), P_0), knows the psd and
+    how the errors come about, which it estimates with the state, and takes unknown inputs as 0: only the bound is that of somebody who
+    knows them.
+
+    Arguments:
+        system: vehicle and sensors.
+        path: the path that is flown.
+        schedule: a Schedule, (K, S) bool, or None = all sensors on.
+        prior: its covariance is P_0, that of the filters' starts.
+        runs: number of flights, at least 1.
+        seed: seed of their noise.
+        executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+    Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
+    """
+    require_count("runs", runs)
+    require_count("seed", seed, least=0)
+    require_fit(system, path)
+    # what the truth follows, whatever else moved the path given
+    path = simulate(system, path.x[0], path.u, path.step, path.w, tolerance=path.tolerance)
+    active = active_steps(system, path, schedule)
+    J = posterior_information(system, path, prior, disturbance_psd, active=active)
+    noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
+    chunks = [range(first, min(first + _CHUNK, runs)) for first in range(0, runs, _CHUNK)]
+    substeps = substeps_along(system, path)
+    tasks = [_Task(system, path, prior, active, noise, seed, chunk, substeps) for chunk in chunks]
+    results = list(map(_flown, tasks) if executor is None else executor.map(_flown, tasks))
+    errors, nees = (np.concatenate(parts, axis=1) for parts in zip(*results, strict=True))
+    return _judged(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
+
+
+def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None) -> np.ndarray:
+    """Return (N, S) bool: where a sensor is on by the schedule and has a sample."""
+    mask = sampled(system, path.steps, path.step)
+    if schedule is None:
+        return mask
+    if isinstance(schedule, Schedule) and not schedule.status.has_answer:
+        raise InputError(f"schedule has no answer ({schedule.status.value}): there is nothing to validate")
+    chosen = as_array("schedule", schedule.chosen if isinstance(schedule, Schedule) else schedule)
+    if chosen.ndim != 2 or chosen.shape[1] != mask.shape[1] or not len(chosen) or path.steps % len(chosen):
+        raise InputError(f"schedule has shape {chosen.shape}: must be (K, {mask.shape[1]}), with K a divisor of {path.steps} steps")
+    if not np.isin(chosen, (0.0, 1.0)).all():
+        k, s = np.argwhere(~np.isin(chosen, (0.0, 1.0)))[0]
+        raise InputError(f"schedule[{k}, {s}] is {chosen[k, s]}: must be true or false")
+    return mask & np.repeat(chosen > 0, path.steps // len(chosen), axis=0)
+
+
+def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:
+    """Return errors (N+1, R, n) and NEES (N+1, R) of one chunk of runs."""
+    system, path = task.system, task.path
+    model = system.model
+    draws = [_draws(task, run) for run in task.runs]
+    guess, gusts, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
+    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, gusts, substeps=task.substeps)
+    seen = readings(system, truth[:, :-1])
+    y = seen.y + seen.spread * noise + bias[:, None]
+    owner = np.array(model.output_owner)
+    active = task.active[:, owner] & (seen.gate > ARRIVES)
+    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, task.substeps)
+    first = Belief(path.x[0] + guess, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
+    belief = estimator.run(first, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
+    is_angle = np.array([state.is_angle for state in model.states])
+    errors = wrap_columns(belief.mean - truth.swapaxes(0, 1), is_angle)
+    weighted = np.linalg.solve(belief.covariance, errors[..., None])[..., 0]
+    return errors, np.einsum("kri,kri->kr", errors, weighted)
+
+
+def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Initial error (n,), process noise (N, n), measurement noise (N, q) of spread 1, constant errors (q,), from a stream of its own."""
+    random = np.random.default_rng([task.seed, run])
+    model, steps = task.system.model, task.path.steps
+    guess = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
+    gusts = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
+    noise = random.standard_normal((steps, len(model.outputs)))
+    if model.joint:
+        noise = noise @ model.instant_root.T
+    periods = steps_per_sample(task.system.model, task.path.step)
+    for column, sensor in enumerate(model.output_owner):
+        correlation = model.channels[sensor].noise.correlation
+        if correlation:
+            noise[:: periods[sensor], column] = _correlated(noise[:: periods[sensor], column], correlation)
+    biases = np.array([model.channels[sensor].noise.bias for sensor in model.output_owner])
+    return guess, gusts, noise, biases * random.standard_normal(len(biases))
+
+
+def _correlated(white: np.ndarray, correlation: float) -> np.ndarray:
+    """e_0 = white_0, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j: variance 1 throughout."""
+    from scipy.signal import lfilter  # a second to load, and few sensors need it
+
+    fresh = np.sqrt(1 - correlation**2)
+    driven = np.concatenate([white[:1] / fresh, white[1:]])
+    return np.asarray(lfilter([fresh], [1.0, -correlation], driven))
+
+
+def _judged(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:
+    runs, n = nees.shape[1], rmse.shape[1]
+    low, high = (float(chi2.ppf(share, runs * n)) / runs for share in (0.025, 0.975))
+    average = nees.mean(axis=1)
+    later = average[t >= t[0] + SETTLED * (t[-1] - t[0])]
+    in_band = float(np.mean((later >= low) & (later <= high)))
+    verdict: Consistency = "consistent"
+    if in_band < CONSISTENT_SHARE:
+        verdict = "overconfident" if np.sum(later > high) >= np.sum(later < low) else "underconfident"
+    return Validation(t, rmse, bound, average, (low, high), in_band, verdict, runs, seed)

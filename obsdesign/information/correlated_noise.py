@@ -1,0 +1,103 @@
+"""Errors of samples that are not white: what they are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.step import CACHED
+
+
+@dataclass(frozen=True)
+class Colour:
+    """The outputs (q,) whose errors are not white, sensor by sensor; all in units of their standard deviation.
+
+    sensors: names; owner (q,): to which of them each output belongs; places: where those sensors stand among all of a model;
+    correlation, bias (q,): of the first-order part, and standard deviation of the constant in the output's own unit;
+    groups: outputs that are correlated at one instant, with their correlation matrix.
+    """
+
+    sensors: tuple[str, ...]
+    places: tuple[int, ...]
+    owner: tuple[int, ...]
+    correlation: tuple[float, ...]
+    bias: tuple[float, ...]
+    groups: tuple[tuple[tuple[int, ...], tuple[tuple[float, ...], ...]], ...] = ()
+
+    @property
+    def q(self) -> int:
+        """Number of outputs."""
+        return len(self.owner)
+
+    @cached_property
+    def sensor_of(self) -> list[int]:
+        """For each output where its sensor stands among all of a model."""
+        return [self.places[s] for s in self.owner]
+
+    @cached_property
+    def together(self) -> tuple[tuple[int, ...], ...]:
+        """Outputs whose errors belong together: the groups, then every other output alone."""
+        grouped = {j for members, _ in self.groups for j in members}
+        return (*(members for members, _ in self.groups), *((j,) for j in range(self.q) if j not in grouped))
+
+    def outputs_of(self, sensor: int) -> tuple[int, ...]:
+        """Outputs of one of the sensors."""
+        return tuple(j for j, owner in enumerate(self.owner) if owner == sensor)
+
+    def only(self, kept: tuple[int, ...], places: tuple[int, ...]) -> Colour:
+        """Return the colour of some of the sensors, given as indices, alone, with their new places; of groups what is theirs."""
+        outputs = [j for s in kept for j in self.outputs_of(s)]
+        groups: list[tuple[tuple[int, ...], tuple[tuple[float, ...], ...]]] = []
+        for members, correlation in self.groups:
+            mine = [i for i, j in enumerate(members) if j in outputs]
+            if mine:
+                rows = tuple(tuple(correlation[a][b] for b in mine) for a in mine)
+                groups.append((tuple(outputs.index(members[i]) for i in mine), rows))
+        return Colour(
+            tuple(self.sensors[s] for s in kept),
+            places,
+            tuple(kept.index(self.owner[j]) for j in outputs),
+            tuple(self.correlation[j] for j in outputs),
+            tuple(self.bias[j] for j in outputs),
+            tuple(groups),
+        )
+
+    @cached_property
+    def apart(self) -> Colour:
+        """The same without what sensors have in common with other sensors."""
+        groups = []
+        for members, correlation in self.groups:
+            for s in dict.fromkeys(self.owner[j] for j in members):
+                places = [i for i, j in enumerate(members) if self.owner[j] == s]
+                groups.append((tuple(members[i] for i in places), tuple(tuple(correlation[a][b] for b in places) for a in places)))
+        return Colour(self.sensors, self.places, self.owner, self.correlation, self.bias, tuple(groups))
+
+
+@lru_cache(CACHED)
+def colour_of(model: Model) -> Colour | None:
+    """Return what is not white in a model's noise, None where all is."""
+    joint = {name for group in model.joint for name in group.sensors}
+    places = tuple(s for s, each in enumerate(model.channels) if each.name in joint or not each.noise.is_white)
+    if not places:
+        return None
+    channels = [model.channels[s] for s in places]
+    names = tuple(each.name for each in channels)
+    owner = tuple(i for i, each in enumerate(channels) for _ in each.outputs)
+    groups = []
+    for group in model.joint:
+        members = tuple(j for name in group.sensors for j, i in enumerate(owner) if names[i] == name)
+        R = np.array(group.covariance)
+        groups.append((members, tuple(map(tuple, (R / np.sqrt(np.outer(np.diag(R), np.diag(R)))).tolist()))))
+    noises = [channels[i].noise for i in owner]
+    return Colour(names, places, owner, tuple(each.correlation for each in noises), tuple(each.bias for each in noises), tuple(groups))
+
+
+def require_coloured(model: Model) -> Colour:
+    """Return what is not white in a model of which that is known; raise ValueError where all is white."""
+    colour = colour_of(model)
+    if colour is None:
+        raise ValueError("the noise of every sensor is white")
+    return colour

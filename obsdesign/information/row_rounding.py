@@ -1,0 +1,132 @@
+"""What rounding does to the rows C Phi of a path: the first-order effect of an error in every number and every operation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.common_subexpressions import without_repeats
+from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.step import CACHED, Sensitivity, sensitivity_along, step_of
+from obsdesign.rank.graph import instructions
+
+_ANGLES = 4  # 8 draws: were they independent and normal, a mean of squares would be right within sqrt(2 / 8), a half; work grows with them
+DRAWS = 2 * _ANGLES  # of all errors: the size of what they do to a direction is a mean over these
+_BITS = 30  # a number that has no more is taken for exact: by chance one in eight million has
+_POWERS = {ca.OP_POW, ca.OP_CONSTPOW}
+_NAMES = "INPUT OUTPUT CONST NEG TWICE FABS SIGN FLOOR CEIL LT LE EQ NE NOT AND OR IF_ELSE_ZERO FMIN FMAX"
+_WITHOUT_ERROR = {getattr(ca, f"OP_{name}") for name in _NAMES.split()}
+
+
+@dataclass(frozen=True, eq=False)
+class Rounded:
+    """(x_k's error, Phi, Phi's error) one step later; rows x, (u, w); results: C Phi (q, n) by columns, its error, sqrt(g/R) (q,)."""
+
+    scan: Scan
+    shape: Sensitivity
+
+    def first(self, sizes: np.ndarray) -> np.ndarray:
+        """Return the carry (1, c) at the start, with an error in each state of the size (n,) of its typed numbers."""
+        drawn = sizes[:, None] * _draws(0, len(sizes))
+        start = self.shape.start
+        return np.concatenate([drawn.ravel(order="F"), start, np.zeros(len(start) * DRAWS)])[None]
+
+
+def typed_sizes(model: Model, x: np.ndarray) -> np.ndarray:
+    """Return the size (n,) of the numbers that each component of the start x (n,) was typed with.
+
+    The coordinates of a point come out of each other, 2000 cos(pi/2) beside 2000 sin(pi/2): states of one unit share the largest.
+    An angle counts as 1 rad at least.
+    """
+    sizes = np.abs(x)
+    for i, state in enumerate(model.states):
+        alike = [abs(value) for value, other in zip(x, model.states, strict=True) if state.unit and other.unit == state.unit]
+        sizes[i] = max([sizes[i], float(state.is_angle), *alike])
+    return sizes
+
+
+@lru_cache(CACHED)
+def rounded(model: Model, step: float, substeps: int) -> Rounded:
+    """Return the walk along a path that carries the errors of states and sensitivities, relative to the unit of rounding.
+
+    With a factor 1 + theta_o at the result of each operation, and at each constant and input that may have been rounded, the
+    derivative to theta in a direction drawn at random, DRAWS times: the mean square over the draws is that of independent errors.
+    """
+    one, shape = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
+    n, c, q = len(model.states), shape.free.numel(), model.h.numel()
+    seen = ca.jacobian(model.h, model.x) @ shape.Phi
+    symbols = [one.x, one.held, shape.free]
+    exact = ca.densify(ca.vertcat(one.x_next, shape.next, ca.vec(seen)))
+    perturbed, theta = _perturbed(symbols, exact, _coordinates(model))
+    x_error, Phi_error = ca.SX.sym("dx", n, DRAWS), ca.SX.sym("dPhi", c, DRAWS)
+    drawn = _draws(n, theta.numel())
+    causes = ca.vertcat(one.x, shape.free, theta)
+    errors = ca.jtimes(perturbed, causes, ca.vertcat(x_error, Phi_error, ca.DM(drawn)))
+    errors = ca.densify(ca.substitute(errors, theta, ca.SX.zeros(theta.numel())))
+    noises = [(channel.noise, len(channel.outputs)) for channel in model.channels]
+    weight = ca.vertcat(*[ca.SX.ones(count) * ca.sqrt(noise.gate / noise.variance) for noise, count in noises])
+    carry = ca.vertcat(ca.vec(x_error), shape.free, ca.vec(Phi_error))
+    carry_next = ca.vertcat(ca.vec(errors[:n, :]), shape.next, ca.vec(errors[n : n + c, :]))
+    results = [ca.vec(ca.densify(seen)), ca.vec(errors[n + c : n + c + q * n, :]), weight]
+    return Rounded(Scan(carry, [one.x, one.held], carry_next, results), shape)
+
+
+def _coordinates(model: Model) -> dict[float, float]:
+    """Coordinates of landmarks, with the size that each was typed with, as a multiple of its own."""
+    sizes: dict[float, float] = {}
+    for point in model.landmarks:
+        for value in point:
+            if value:
+                sizes[abs(value)] = max(sizes.get(abs(value), 1.0), max(map(abs, point)) / abs(value))
+    return sizes
+
+
+def _perturbed(symbols: list[ca.SX], expression: ca.SX, coordinates: dict[float, float]) -> tuple[ca.SX, ca.SX]:
+    """Return the column with a factor 1 + theta at each number that is rounded, and theta (t, 1)."""
+    steps = instructions(ca.Function("exact", symbols, without_repeats([expression])))
+    arguments = [ca.vertsplit(each) for each in symbols]
+    numbers = {step.value for step in steps if step.operation == ca.OP_CONST and math.frexp(step.value)[0] * 2**_BITS % 1}
+    noise = iter(ca.vertsplit(ca.SX.sym("theta", len(steps) + len(numbers))))
+    of_number = {number: next(noise) for number in sorted(numbers)}
+    thetas, work, constants, result = [*of_number.values()], {}, {}, {}
+
+    def used(source: int, exponent: bool) -> ca.SX:
+        theta = None if exponent else of_number.get(constants[source])
+        return work[source] if theta is None else work[source] * (1 + coordinates.get(abs(constants[source]), 1.0) * theta)
+
+    for operation, target, sources, value in steps:
+        if operation == ca.OP_INPUT:
+            found = arguments[sources[0]][sources[1]]
+        elif operation == ca.OP_CONST:
+            found = ca.SX(value)
+        else:
+            factors = [used(source, operation in _POWERS and i == 1) for i, source in enumerate(sources)]
+            found = factors[0] if operation == ca.OP_OUTPUT else _applied(operation, factors)
+            if operation not in _WITHOUT_ERROR:
+                thetas.append(next(noise))
+                found *= 1 + thetas[-1]
+        (result if operation == ca.OP_OUTPUT else work)[target] = found
+        if operation != ca.OP_OUTPUT:
+            constants[target] = value if operation == ca.OP_CONST else 0.0
+    return ca.vertcat(*[result[k] for k in range(len(result))]), ca.vertcat(*thetas)
+
+
+def _draws(first: int, count: int) -> np.ndarray:
+    """Return (count, DRAWS), cosines and sines of angles that go with the causes of errors from number `first` on.
+
+    Each cause has the mean square 1. The angles go round by irrational shares of a turn that have nothing to do with each other
+    (powers of the root of g^5 = g + 1: Roberts' sequence), so that no two causes cancel in all of them.
+    """
+    g = 1.1673039782614187
+    turns = np.arange(first, first + count)[:, None] * g ** -np.arange(1.0, _ANGLES + 1)
+    angles = 2 * np.pi * (turns % 1)
+    return np.sqrt(2) * np.hstack([np.cos(angles), np.sin(angles)])
+
+
+def _applied(operation: int, factors: list[ca.SX]) -> ca.SX:
+    return ca.SX.unary(operation, *factors) if len(factors) == 1 else ca.SX.binary(operation, *factors)

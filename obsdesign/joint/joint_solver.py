@@ -1,0 +1,171 @@
+"""Path and schedule together: one-sided answers, turns, relaxed climbs, and the best of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from obsdesign.arguments import validate_arguments
+from obsdesign.checks import require_count
+from obsdesign.design.initial_guesses import TURN, shortest_inputs, start_inputs
+from obsdesign.design.multistart import design_trajectory
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.record import Design
+from obsdesign.design.upper_bound import cap_of
+from obsdesign.dynamics.simulation import simulate
+from obsdesign.errors import InputError, SolveError
+from obsdesign.joint.alternation import Pair, Settled, Turns, certified, paired, settled
+from obsdesign.joint.joint_relaxation import promising, relaxations, rounded
+from obsdesign.joint.problem import Question
+from obsdesign.joint.result import Joint, OneSided
+from obsdesign.rules.abstract import AbstractRule
+from obsdesign.selection.schedule import Schedule
+from obsdesign.status import Status
+from obsdesign.trajectory import Trajectory
+
+ROUNDS = 20  # of path, then schedule; a few settle it
+
+
+@validate_arguments
+def codesign(
+    problem: DesignProblem,
+    segments: int,
+    per_segment: int = 1,
+    rules: tuple[AbstractRule, ...] = (),
+    *,
+    starts: int = 8,
+    rounds: int = ROUNDS,
+    seed: int = 0,
+    executor: Executor | None = None,
+    throw: bool = True,
+) -> Joint:
+    """Choose a path and a schedule of its sensors together.
+
+    max over paths p and schedules s of criterion(S (sum_ks s_ks W_ks(p)) S), at most per_segment sensors on in each of K segments.
+    Both one-sided answers come first. From each, path and schedule are improved in turn; then from there, and from `starts` other
+    paths, both are optimised together with weights s in [0, 1] and are rounded by the selection on the path so found; the best few are
+    improved in turn again. The answer is the best of all, so never below a one-sided one; it is a local optimum.
+
+    Arguments:
+        problem: the design problem, of one duration.
+        segments: number K of equal segments, which divides the steps.
+        per_segment: how many sensors may be on at a time.
+        rules: what schedules have to keep, as for select_sensors.
+        starts: number of other paths that the joint search begins from.
+        rounds: largest number of turns of path and schedule.
+        seed: seed of these paths.
+        executor: runs the local solves, one task each; the answer is the same for any number of workers.
+        throw: False = return a failed Joint instead of raising SolveError.
+    Raises InputError for a range of durations, a criterion that is not additive over sensors, segments that do not divide the
+    steps; UnobservableError, and SolveError where no path and schedule were found.
+    """
+    require_count("starts", starts)
+    question = Question(problem, segments, per_segment, tuple(rules), seed, rounds)
+    began = perf_counter()
+    apply: Callable[..., Any] = map if executor is None else executor.map
+    sides = _sides(question, starts, executor)
+    ends = list(apply(settled, [Turns(question, side.name, side.pair) for side in sides if side.pair is not None]))
+    further = list(apply(settled, promising(apply(rounded, relaxations(question, ends, starts))))) if ends else []
+    joint = _recorded(question, sides, ends, further)
+    joint = replace(joint, seconds=perf_counter() - began)
+    if throw and not joint.status.has_answer:
+        raise SolveError("codesign", joint.status, joint.design.reason)
+    return joint
+
+
+# ---------------------------------------------------------------- one-sided answers
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """A one-sided answer, and the pair that it is; None without an answer."""
+
+    name: str
+    design: Design
+    schedule: Schedule
+    pair: Pair | None
+
+    @property
+    def record(self) -> OneSided:
+        if self.pair is None:
+            return OneSided(self.design, self.schedule, np.nan, np.nan)
+        value = self.pair.objective + (self.design.value - self.design.objective)
+        return OneSided(self.design, self.schedule, value, self.pair.objective)
+
+
+def _sides(question: Question, starts: int, executor: Executor | None) -> tuple[_Side, _Side]:
+    path = design_trajectory(question.problem, starts, question.seed, executor, throw=False)
+    plain, chosen = _on_baseline(question)
+    problem = question.with_schedule(chosen.chosen) if chosen.status.has_answer else question.problem
+    fitted = design_trajectory(problem, starts, question.seed, executor, throw=False)
+    schedule = chosen if path.trajectory is None else question.selected(path.trajectory, proven=True)
+    return _side(question, "path first", path, schedule, path.trajectory), _side(question, "sensors first", fitted, chosen, plain)
+
+
+def _side(question: Question, name: str, design: Design, schedule: Schedule, origin: Trajectory | None) -> _Side:
+    """origin: the path that the schedule was selected on."""
+    path = design.trajectory
+    if path is None or origin is None or not schedule.status.has_answer or not question.allows(path, schedule.chosen):
+        return _Side(name, design, schedule, None)
+    return _Side(name, design, schedule, paired(question, design, path, schedule, question.penalty(origin, schedule)))
+
+
+def _on_baseline(question: Question) -> tuple[Trajectory, Schedule]:
+    """Return the path that one takes without thinking and the best schedule for it; another where that one meets a landmark."""
+    problem = question.problem
+    for u in _baselines(problem, question.seed):
+        path = simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
+        try:
+            question.blocks(path)
+        except InputError:
+            continue
+        return path, question.selected(path, proven=True)
+    raise AssertionError("there is always another start")
+
+
+def _baselines(problem: DesignProblem, seed: int) -> Iterator[np.ndarray]:
+    """Inputs (N, m) of the shortest path, of the straight one, and of the other starts."""
+    names, straight = problem.system.model.input_names, np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1))
+    if TURN in names:
+        shortest = shortest_inputs(problem)
+        if shortest is not None:
+            yield shortest
+        column = names.index(TURN)
+        straight[:, column] = np.clip(0.0, problem.lower[column], problem.upper[column])
+    yield straight
+    yield from (u for _, u in start_inputs(problem, seed))
+
+
+# ---------------------------------------------------------------- the answer
+
+
+def _recorded(question: Question, sides: tuple[_Side, _Side], ends: Sequence[Settled], further: Sequence[Settled]) -> Joint:
+    first, second = (side.record for side in sides)
+    if not ends:
+        failed = sides[0] if not sides[0].design.status.has_answer else sides[1]
+        status = failed.schedule.status if failed.design.status.has_answer else failed.design.status
+        status = Status.NUMERICAL_ERROR if status.has_answer else status
+        return Joint(failed.design, failed.schedule, np.nan, np.nan, first, second, (), "", np.nan, status, 0.0)
+    best = certified(question, max((*ends, *further), key=lambda end: end.pair.objective))  # the first of equals
+    pair, alternated = best.pair, max(end.pair.objective for end in ends)
+    status = Status.LOCALLY_OPTIMAL if best.still else Status.GAP_OPEN
+    design = for_schedule(question, pair)
+    value = pair.schedule.value
+    return Joint(design, pair.schedule, value, pair.objective, first, second, best.values, best.origin, alternated, status, 0.0)
+
+
+def for_schedule(question: Question, pair: Pair) -> Design:
+    """Return the design as one for the pair's schedule: the last turn may have found another than it was made for."""
+    problem, design = question.with_schedule(pair.schedule.chosen), pair.design
+    if design.problem == problem:
+        return design
+    value = problem.value(pair.path)
+    low = np.linalg.eigvalsh(problem.matrix(pair.path))[:2]
+    eigenvalues = (float(low[0]), float(low[-1]))
+    objective = value - question.price(pair.path)
+    return replace(design, problem=problem, value=value, objective=objective, eigenvalues=eigenvalues, cap=cap_of(problem))

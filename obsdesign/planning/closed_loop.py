@@ -1,0 +1,246 @@
+"""Planning in the loop: a vehicle flies what is planned from what a filter believes, and the filter learns from the flight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.arguments import validate_arguments
+from obsdesign.calculus import wrap_columns
+from obsdesign.checks import require_count, require_positive, whole_multiple
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.design.nlp.node_functions import nodes_of
+from obsdesign.design.problem import DesignProblem
+from obsdesign.display import AbstractDisplay, Summary, line_picture, number
+from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
+from obsdesign.errors import InputError
+from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.validation import ARRIVES
+from obsdesign.information.posterior import noise_factor
+from obsdesign.information.sample_information import sampled
+from obsdesign.planning.planner import ITERATIONS, Horizon, Plan, Planner
+from obsdesign.prior import Prior
+from obsdesign.status import Status
+
+
+@dataclass(frozen=True, eq=False)
+class Flight(AbstractDisplay):
+    """What was flown in K steps, and what the filter believed."""
+
+    t: np.ndarray
+    """Instants (K+1,) [s]."""
+    truth: np.ndarray
+    """True states (K+1, n), in the units of the states."""
+    mean: np.ndarray
+    """The filter's estimate (K+1, n), in the units of the states: after the samples at t_k for k < K, predicted at t_K."""
+    std: np.ndarray
+    """The filter's standard deviation (K+1, n), in the units of the states."""
+    u: np.ndarray
+    """Inputs flown (K, m), in their units."""
+    nees: np.ndarray
+    """Normalised squared errors e'P^-1 e (K+1,): n on average for an honest filter."""
+    margin: float
+    """The least along the truth of the limits that always hold, of order 1; inf without any."""
+    statuses: tuple[Status, ...] = ()
+    """How the solve of each plan ended."""
+    feasible: tuple[bool, ...] = ()
+    """Whether each plan broke no limit."""
+    ages: tuple[int, ...] = ()
+    """How many plans ago the inputs of each were found, 0 = for this one."""
+    values: tuple[float, ...] = ()
+    """What each plan is worth."""
+    seconds: tuple[float, ...] = ()
+    """Wall time of each plan [s]."""
+    straight: Flight | None = None
+    """The same flight, with the same noise, with all inputs in the middle of their ranges; None in that one."""
+
+    def _summary(self) -> Summary:
+        error = self.mean[-1] - self.truth[-1]
+        rows = [
+            (f"state {i} at the end", f"error {number(miss)}, standard deviation {number(std)}")
+            for i, (miss, std) in enumerate(zip(error, self.std[-1], strict=True))
+        ]
+        rows.append(("limits", f"least margin {number(self.margin)} along what was flown"))
+        if self.feasible:
+            slowest = number(max(self.seconds), "s")
+            rows.append(("plans", f"{len(self.feasible)}, {sum(self.feasible)} within all limits, slowest {slowest}"))
+        return Summary(f"flight of {number(self.t[-1] - self.t[0], 's')}", tuple(rows), line_picture(self.truth[:, 0], self.truth[:, 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _World:
+    """What no pilot can change: the true start (n,), kicks (K, n), white noise of the samples (K, q), who samples (K, q)."""
+
+    start: np.ndarray
+    kicks: np.ndarray
+    noise: np.ndarray
+    due: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """A problem, its prior, the filter, and the world."""
+
+    problem: DesignProblem
+    prior: Prior
+    estimator: ExtendedKalmanFilter
+    world: _World
+
+
+# step, belief after its samples, covariance before them -> inputs (m,)
+_Pilot = Callable[[int, Belief, np.ndarray], np.ndarray]
+
+
+@validate_arguments
+def fly(
+    problem: DesignProblem,
+    prior: Prior,
+    *,
+    every: float,
+    duration: float,
+    disturbance_psd: ArrayLike | None = None,
+    seed: int = 0,
+    deadline: float | None = None,
+    truth: ArrayLike | None = None,
+    horizon: Horizon = "receding",
+    iterations: int = ITERATIONS,
+) -> Flight:
+    """Fly in simulation with the filter in the loop: a new plan again and again, from what the filter believes.
+
+    The mean of an EKF is the start of each plan, its information the plan's prior. The truth begins at a draw from the prior; process noise
+    and the sensors' noise are as in `validate`. Each plan is flown from the instant for which it was made: the time it takes counts for its
+    deadline only. The same seed, the same flight, save for seconds, without a deadline.
+
+    Arguments:
+        problem: what each plan answers.
+        prior: what is known of the initial state.
+        every: time from one plan to the next [s].
+        duration: length of the flight [s].
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        seed: seed of the truth and of all noise.
+        deadline: time that a plan may take [s]; None = any.
+        truth (n,): true initial state, in the units of the states; None = a draw from the prior.
+        horizon: "receding" or "shrinking", as in Planner.
+        iterations: of a plan after the first at most, as in Planner.
+    Raises InputError for values that do not fit, and what `Planner` raises; in flight nothing is raised.
+    """
+    steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
+    if steps is None:
+        raise InputError(f"flight: duration is {duration!r}: must be a whole multiple of the step {problem.step:g} s")
+    require_count("seed", seed, least=0)
+    if deadline is not None:
+        require_positive("deadline", deadline)
+    planner = Planner(problem, every, horizon, iterations, seed=seed)
+    n = problem.x0.size
+    if prior.mean.size != n:
+        raise InputError(f"prior has {prior.mean.size} states: the system has {n}")
+    factor = noise_factor(disturbance_psd, n, problem.step)
+    start = None if truth is None else as_state(problem.system, truth, "truth")
+    scene = _Scene(
+        problem,
+        prior,
+        ExtendedKalmanFilter(problem.system, problem.step, factor @ factor.T, tolerance=problem.tolerance),
+        _world(problem, prior, start, factor, steps, seed),
+    )
+    plans: list[Plan] = []
+    middle = problem.grid.centre
+    straight = _flown(scene, lambda *_: middle)
+    flown = _flown(scene, _pilot(planner, round(every / problem.step), deadline, plans))
+    return replace(
+        flown,
+        statuses=tuple(plan.status for plan in plans),
+        feasible=tuple(plan.feasible for plan in plans),
+        ages=tuple(plan.age for plan in plans),
+        values=tuple(plan.value for plan in plans),
+        seconds=tuple(plan.seconds for plan in plans),
+        straight=straight,
+    )
+
+
+def _is_positive(value: float) -> bool:
+    require_positive("flight: duration", value)
+    return True
+
+
+def _world(problem: DesignProblem, prior: Prior, start: np.ndarray | None, factor: np.ndarray, steps: int, seed: int) -> _World:
+    """Draw a world from the seed."""
+    random, model = np.random.default_rng(seed), problem.system.model
+    drawn = prior.mean + np.linalg.cholesky(prior.covariance) @ random.standard_normal(prior.mean.size)
+    kicks = random.standard_normal((steps, factor.shape[1])) @ factor.T
+    noise = random.standard_normal((steps + 2, len(model.outputs)))
+    due = sampled(problem.system, steps, problem.step)[:, list(model.output_owner)]
+    return _World(drawn if start is None else start, kicks, _coloured(problem, noise, due), due)
+
+
+def _coloured(problem: DesignProblem, white: np.ndarray, due: np.ndarray) -> np.ndarray:
+    """Return noise of the sensors' correlation, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j from sample to sample, and constant errors.
+
+    white (K+2, q): its first row is e before the first sample, its second the constant errors, in standard deviations.
+    """
+    model = problem.system.model
+    noises = [model.channels[sensor].noise for sensor in model.output_owner]
+    c, bias = (np.array([getattr(noise, name) for noise in noises]) for name in ("correlation", "bias"))
+    constant, white = bias * white[1], white @ model.instant_root.T if model.joint else white
+    error, found = white[0], np.empty((2, len(due), len(noises)))
+    for k, fresh in enumerate(white[2:]):
+        error = np.where(due[k], c * error + np.sqrt(1 - c**2) * fresh, error)
+        found[:, k] = error, constant
+    return found
+
+
+def _pilot(planner: Planner, every: int, deadline: float | None, plans: list[Plan]) -> _Pilot:
+    def inputs(k: int, belief: Belief, before: np.ndarray) -> np.ndarray:
+        if k % every == 0:
+            information = np.linalg.inv(before)
+            plans.append(planner.step(belief.mean[0], plans[-1] if plans else None, (information + information.T) / 2, deadline))
+        return plans[-1].trajectory.u[min(k % every, plans[-1].trajectory.steps - 1)]
+
+    return inputs
+
+
+def _flown(scene: _Scene, pilot: _Pilot) -> Flight:
+    """Fly what a pilot wants."""
+    system, step, world = scene.problem.system, scene.problem.step, scene.world
+    truth, belief = world.start, Belief(scene.prior.mean[None], scene.prior.covariance[None])
+    states, beliefs, flown = [truth], [], []
+    for k, kick in enumerate(world.kicks):
+        before = belief.covariance[0]
+        belief = _updated(scene, belief, truth, k)
+        beliefs.append(belief)
+        flown.append(pilot(k, belief, before))
+        substeps = int(substeps_needed(system, truth[None], flown[-1][None], step, None, scene.problem.tolerance)[0])
+        truth = states_from(system, truth[None], flown[-1][None], step, None, kick[None, None], substeps=substeps)[0, 1]
+        states.append(truth)
+        belief = scene.estimator.predict(belief, flown[-1])
+    beliefs.append(belief)
+    return _recorded(scene, np.array(states), beliefs, np.array(flown))
+
+
+def _updated(scene: _Scene, belief: Belief, truth: np.ndarray, k: int) -> Belief:
+    """Take in the samples at the k-th instant."""
+    seen = readings(scene.problem.system, truth[None, None])
+    coloured, constant = scene.world.noise[:, k]
+    y = seen.y[0] + seen.spread[0] * coloured + constant
+    return scene.estimator.update(belief, y, scene.world.due[k] & (seen.gate[0, 0] > ARRIVES))
+
+
+def _recorded(scene: _Scene, truth: np.ndarray, beliefs: list[Belief], u: np.ndarray) -> Flight:
+    model = scene.problem.system.model
+    mean, covariance = (np.array([getattr(each, name)[0] for each in beliefs]) for name in ("mean", "covariance"))
+    errors = wrap_columns(mean - truth, np.array([state.is_angle for state in model.states]))
+    nees = np.einsum("ki,ki->k", errors, np.linalg.solve(covariance, errors[..., None])[..., 0])
+    std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return Flight(np.arange(len(truth)) * scene.problem.step, truth, mean, std, u, nees, _margin(scene.problem, truth, u))
+
+
+def _margin(problem: DesignProblem, truth: np.ndarray, u: np.ndarray) -> float:
+    """The least margin at the nodes of the truth, of limits that hold at all times."""
+    always: tuple[AbstractConstraint, ...] = tuple(
+        each for each in problem.constraints if each.span.first == 0.0 and each.span.last is None and not each.span.anywhere
+    )
+    if not always:
+        return float("inf")
+    return float(nodes_of(problem.system.model, always).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))

@@ -1,0 +1,82 @@
+"""What paths, limits and shortfalls are called in sentences."""
+
+from __future__ import annotations
+
+import re
+
+from obsdesign.constraints.abstract import AbstractConstraint
+from obsdesign.design.feasibility import Shortfall
+from obsdesign.report.number_format import NARROW, percent, readable, rounded
+from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
+from obsdesign.signals import Signal
+from obsdesign.study.record import Study
+
+CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
+
+# what a path does that breaks a limit, by the limit's name as messages call it
+_BREAKS = {
+    "Goal": "misses the goal",
+    "GoalPose": "misses the goal pose",
+    "GoalRegion": "misses the goal region",
+    "Via": "misses a via point",
+    "Loiter": "leaves the place to loiter",
+    "KeepOut": "enters a keep-out circle",
+    "KeepOutPolygon": "enters a keep-out polygon",
+    "KeepIn": "leaves the keep-in polygon",
+    "StandOff": "comes too near a beacon",
+    "MaxRange": "goes too far from a beacon",
+    "CircleClearance": "stays too near the beacons' circle",
+    "GroundSpeed": "is too slow or too fast",
+    "HeadingSector": "heads out of its sector",
+    "Floor": "sees too little for a while, falling short",
+}
+_MANY = 3  # limits that are named
+
+
+def path_in_words(name: str) -> str:
+    """Return what a path is called in a sentence."""
+    words = {WEAVE: "the best weave that meets the same limits", SHORTEST: "the shortest way to the goal", STRAIGHT: "the straight path"}
+    return words.get(name, f"the path {name}" if " " in name else f"the {name} path")
+
+
+def schedule_criterion(study: Study, tex: bool = False) -> str:
+    """Return what the value of a schedule is called; tex: in a drawing."""
+    kind = study.scenario.selection.criterion
+    return r"$\lambda_{min}$" if tex and kind == "min_eigenvalue" else CRITERIA[kind]
+
+
+def gap_in_words(study: Study) -> str:
+    """Return the gap of the schedule: a share of the bound, or a difference where those count."""
+    gap = study.selection.schedule.gap
+    return percent(gap) if study.scenario.schedule_criterion.is_relative else rounded(gap)
+
+
+def gap_formula(study: Study) -> str:
+    """Return what the gap is, as its criterion counts differences."""
+    return "gap = (bound − value) / |bound|" if study.scenario.schedule_criterion.is_relative else "gap = bound − value"
+
+
+def shortfall_in_words(short: Shortfall) -> str:
+    """Return what is wrong with a path and by how much: misses the goal by 3.2 m."""
+    name = short.what.split(":")[0]
+    factor, unit = readable(Signal("", short.unit))
+    amount = f"{rounded(short.by * factor)}{NARROW}{unit}".rstrip(NARROW)
+    return f"{_BREAKS.get(name) or _exceeds(name)} by {amount}"
+
+
+def shortfalls_in_words(shortfalls: tuple[Shortfall, ...]) -> str:
+    """Return the worst few shortfalls in words, and how many there are beside them."""
+    words = list(dict.fromkeys(map(shortfall_in_words, shortfalls[:_MANY])))
+    more = len(shortfalls) - _MANY
+    return "; ".join([*words, *([f"{more} more"] if more > 0 else [])])
+
+
+def kind_of(constraint: AbstractConstraint) -> str:
+    """Return what a map's legend calls a constraint: keep out, stand off."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", type(constraint).__name__).lower()
+
+
+def _exceeds(name: str) -> str:
+    """Of a bound on an input, "turn_rate within ...", or a budget, "path length at most ..."."""
+    signal, within, _ = name.partition(" within ")
+    return f"leaves the bounds of {signal.replace('_', ' ')}" if within else f"exceeds the budget of {name.partition(' at most ')[0]}"

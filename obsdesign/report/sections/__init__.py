@@ -1,0 +1,1 @@
+"""One section of the page, one file: its sentences, tables and captions."""

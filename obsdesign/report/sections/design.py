@@ -1,0 +1,84 @@
+"""Sentences about how a path was found: starts, duration, prices, draws of the prior, how much better another might be."""
+
+from __future__ import annotations
+
+from obsdesign.design.feasibility import price_of
+from obsdesign.design.record import Design
+from obsdesign.report import derived_quantities as facts
+from obsdesign.report.number_format import NARROW, joined, percent, plain, rounded
+from obsdesign.report.wording import criterion_name
+from obsdesign.study.record import Study
+
+_MANY = 4  # optima that are named
+
+
+def design_in_words(study: Study, i: int) -> str:
+    """Say of the design for a suite what its starts came to, and what else is known about it."""
+    design, who = study.designs[i], facts.sensors_in_words(study, study.suites[i])
+    parts = (_optima(design), _duration(study, design), _prices(study, design), _robustness(study, design), _evidence(study, design))
+    return f"Designed for {who}: {' '.join(filter(None, parts))}"
+
+
+def objective_name(study: Study) -> str:
+    """Return what is maximised: the criterion, or more than that."""
+    design = study.scenario.design
+    return "objective" if design.prices or design.robust else criterion_name(study)
+
+
+def _optima(design: Design) -> str:
+    """What the starts that were climbed to the end came to; values to five digits, which tell optima apart."""
+    refined = [start for start in design.starts if start.refined]
+    found = [f"{rounded(each.value, 5)} ({_starts(len(each.starts))})" for each in design.optima[:_MANY]]
+    more = len(design.optima) - _MANY
+    found += [f"{more} more"] if more > 0 else []
+    few = "one optimum" if len(design.optima) == 1 else f"{len(design.optima)} distinct optima"
+    all_of = len(refined) == len(design.starts)
+    who = _starts(len(refined)) if all_of else f"{len(refined)} of {_starts(len(design.starts))}, the best in a coarser family,"
+    return f"{who} climbed to {few}: {joined(found)}."
+
+
+def _starts(count: int) -> str:
+    return f"{count} start{'s' * (count != 1)}"
+
+
+def _duration(study: Study, design: Design) -> str:
+    if study.scenario.design.shortest is None:
+        return ""
+    low, high = plain(study.scenario.shortest), plain(study.scenario.time.duration)
+    return f"Of durations from {low} to {high}{NARROW}s the best found is {plain(design.problem.longest)}{NARROW}s."
+
+
+def _prices(study: Study, design: Design) -> str:
+    if not design.problem.prices or design.trajectory is None:
+        return ""
+    paid = price_of(design.problem, design.trajectory)
+    costs = joined([f"{rounded(each.per_unit)} for every {_unit(each.cost.unit)}of {each.cost}" for each in design.problem.prices])
+    of = "the draws' value" if design.problem.robust else criterion_name(study)
+    return f"The objective {rounded(design.objective)} is {of} less {rounded(paid)} paid, {costs}."
+
+
+def _unit(unit: str) -> str:
+    return f"{unit} " if unit else "unit "
+
+
+def _robustness(study: Study, design: Design) -> str:
+    found, robust = design.robustness, design.problem.robust
+    if found is None or robust is None:
+        return ""
+    by = "worst" if robust.worst else "mean"
+    return (
+        f"It is judged by the {by} of {robust.samples} draws of the prior. Over {plain(found.draws)} fresh draws with the same inputs "
+        f"{criterion_name(study)} is {rounded(found.mean)} on average, at least {rounded(found.five_percent)} in 95{NARROW}% of them and "
+        f"{rounded(found.worst)} at worst."
+    )
+
+
+def _evidence(study: Study, design: Design) -> str:
+    found = design.evidence
+    if found is None:
+        return ""
+    return (
+        f"How much better might another path be? {plain(found.climbs)} climbs along the dual question met no path above "
+        f"{rounded(found.estimate)}: as far as they tell, none has a {criterion_name(study)} that is better by more than "
+        f"{percent(found.remaining / (1 - found.remaining) if found.remaining < 1 else 1.0)}. That is evidence, not proof."
+    )

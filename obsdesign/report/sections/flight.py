@@ -1,0 +1,149 @@
+"""What a flight with the filter in the loop came to: a sentence, captions and tables."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from obsdesign.calculus import wrap_columns
+from obsdesign.constraints.abstract import ALWAYS, AT_END, AbstractConstraint
+from obsdesign.design.feasibility import Shortfall, nodes_within
+from obsdesign.design.nlp.node_functions import nodes_of
+from obsdesign.planning.closed_loop import Flight
+from obsdesign.report import derived_quantities as facts
+from obsdesign.report.names import shortfalls_in_words
+from obsdesign.report.number_format import NARROW, joined, label, plain, readable, rounded, with_unit
+from obsdesign.report.tables import Cell, Table
+from obsdesign.scenario.schema import FlightTable
+from obsdesign.study.record import Study
+
+_FAR = 1.0  # margin by which a limit is broken that is not met at all: a whole tolerance or radius
+_BETTER = 0.8  # share of the other flight's standard deviation that counts as better
+
+
+def broken(study: Study, flight: Flight) -> tuple[Shortfall, ...]:
+    """Return the limits that the true states broke, worst first; those of certain times where they are the flight's own.
+
+    Judged at the instants of the flight alone: between them disturbances move the truth, of which no states are kept.
+    """
+    return tuple(sorted((each for each in _lowest(study, flight) if each.margin < 0), key=lambda each: each.margin))
+
+
+def least_margin(study: Study, flight: Flight) -> float:
+    """Return the least margin of these limits, of order 1; inf without any."""
+    return min((each.margin for each in _lowest(study, flight)), default=np.inf)
+
+
+def _lowest(study: Study, flight: Flight) -> list[Shortfall]:
+    """Where each limit that counts is nearest to being broken."""
+    limits = tuple(each for each in study.scenario.design.constraints if _counts(study, each))
+    if not limits:
+        return []
+    functions = nodes_of(study.problem.system.model, limits)
+    values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
+    found = []
+    for i, limit in enumerate(limits):
+        lowest, within = values[:, owner == i].min(axis=1), nodes_within(limit, len(flight.u), study.scenario.time.step)
+        k = int(within[lowest[within].argmax() if limit.span.anywhere else lowest[within].argmin()])
+        size, unit = limit.size
+        found.append(Shortfall(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
+    return found
+
+
+def _counts(study: Study, limit: AbstractConstraint) -> bool:
+    return limit.span == ALWAYS or ends_with_the_plans(study)
+
+
+def ends_with_the_plans(study: Study) -> bool:
+    """Whether the flight ends when its plans do, so that what is asked of their end and of certain times is asked of the flight."""
+    asked = study.scenario.flight
+    return asked is not None and asked.horizon == "shrinking" and asked.duration == study.scenario.time.duration
+
+
+def final_errors(study: Study, flight: Flight) -> np.ndarray:
+    """Return |estimate - truth| (n,) at the end."""
+    is_angle = np.array([signal.is_angle for signal in facts.states_of(study)])
+    return np.abs(wrap_columns(flight.mean[-1:] - flight.truth[-1:], is_angle))[0]
+
+
+def in_flight(study: Study, flight: Flight, asked: FlightTable) -> str:
+    """Answer "In flight?": limits, and how well the states are known at the end against inputs in the middle of their ranges."""
+    short, count = broken(study, flight), len(flight.statuses)
+    goal = any(each.span == AT_END for each in study.scenario.design.constraints) and ends_with_the_plans(study)
+    far = any(each.margin < -_FAR for each in short)
+    yes = "No" if far else "Not quite" if short else "Yes"
+    limits = (
+        f"the true path {shortfalls_in_words(short)}"
+        if short
+        else f"the true path {'arrives and ' if goal else ''}keeps every limit at the steps, where it is looked at"
+    )
+    kept = sum(flight.feasible)
+    every = f"with a new plan every {plain(asked.every)}{NARROW}s, {count} in all, {limits}"
+    return f"{yes}: {every}; {kept} of the plans keep every limit from where the filter believes to be{_gains(study, flight)}."
+
+
+def _gains(study: Study, flight: Flight) -> str:
+    if flight.straight is None:
+        return ""
+    trio = zip(facts.states_of(study), flight.std[-1], flight.straight.std[-1], strict=True)
+    better = [(signal, ours, theirs) for signal, ours, theirs in trio if ours <= _BETTER * theirs]
+    if not better:
+        return "; at the end nothing is known better than with all inputs in the middle of their ranges"
+    known = joined([f"{signal.name} to {with_unit(ours, signal)}" for signal, ours, _ in better])
+    others = joined([with_unit(theirs, signal) for signal, _, theirs in better])
+    return f"; at the end it knows {known} (1σ), where inputs in the middle of their ranges leave {others}"
+
+
+def on_the_flight_map(study: Study) -> str:
+    """Say what the lines are."""
+    return (
+        "One flight, its start and disturbances drawn from the scenario's prior and noise. Where it leaves the path that was designed "
+        "beforehand, the filter has learnt that things are not as believed at the start. Red: the same flight, with the same noise, all "
+        "inputs in the middle of their ranges."
+    )
+
+
+def on_the_flight_estimates(study: Study) -> str:
+    """Say how the panels are read."""
+    return (
+        "Good: the dashed truth within the shade, and the shade narrow. Red dots: how wide the shade would be, about the truth, with all "
+        "inputs in the middle of their ranges."
+    )
+
+
+def errors_table(study: Study, flight: Flight) -> Table:
+    """Final errors and standard deviations, flown and with idle inputs."""
+    flights = [flight] if flight.straight is None else [flight, flight.straight]
+    columns = [(final_errors(study, each), each.std[-1]) for each in flights]
+    rows = tuple(
+        (Cell(label(signal)), *(Cell(rounded(values[i] * readable(signal)[0])) for pair in columns for values in pair))
+        for i, signal in enumerate(facts.states_of(study))
+    )
+    names = ("planned on the way", "inputs mid-range")[: len(flights)]
+    n = len(study.scenario.state_names)
+    nees = [f"{name}: {rounded(float(each.nees.mean()))}" for name, each in zip(names, flights, strict=True)]
+    return Table(
+        "What is known at the end of the flight",
+        f"Good: small standard deviations (1σ) of the filter, and errors of that size. One flight is one draw: an honest filter's NEES "
+        f"is {n} on average over many. Mean over this flight: {'; '.join(nees)}.",
+        ("state", *(f"{name}, {what} [as the state]" for name in names for what in ("error", "1σ"))),
+        rows,
+    )
+
+
+def plans_table(study: Study, flight: Flight) -> Table:
+    """How the plans ended."""
+    counts = Counter((status.value, age == 0) for status, age in zip(flight.statuses, flight.ages, strict=True))
+    rows = tuple(
+        (Cell(status), Cell("the new plan" if fresh else "the plan before"), Cell(plain(count)))
+        for (status, fresh), count in sorted(counts.items(), key=lambda each: -each[1])
+    )
+    kept = sum(flight.feasible)
+    return Table(
+        "Plans on the way",
+        f"Good: plans that keep every limit, here {kept} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes "
+        "few iterations: stopping at their limit is usual.",
+        ("how the climb ended", "what was flown", "plans [–]"),
+        rows,
+    )

@@ -1,0 +1,280 @@
+"""The result of a study as one JSON document."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+import obsdesign
+from obsdesign.design.feasibility import Shortfall
+from obsdesign.design.record import Design, Evidence, Start
+from obsdesign.estimation.validation import Validation
+from obsdesign.information.contribution_shares import Contributions
+from obsdesign.planning.closed_loop import Flight
+from obsdesign.report.derived_quantities import segment_nodes
+from obsdesign.report.document import (
+    SCHEMA_VERSION,
+    CapPart,
+    ContributionPart,
+    DesignPart,
+    EvidencePart,
+    FlightPart,
+    FlownPart,
+    LossPart,
+    OptimumPart,
+    ParetoPart,
+    PathPart,
+    PlanPart,
+    QualityPart,
+    Result,
+    RobustnessPart,
+    ScenarioPart,
+    SelectionPart,
+    ShortfallPart,
+    StartPart,
+    ValidationPart,
+    VerdictPart,
+)
+from obsdesign.report.expectations import Expectation, expectations
+from obsdesign.report.sections.codesign import joint_part
+from obsdesign.report.sections.flight import broken, final_errors, least_margin
+from obsdesign.selection.pareto import Pareto
+from obsdesign.study.record import Analysis, Candidate, Quality, Study
+
+_PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
+
+
+def result_of(study: Study) -> Result:
+    """Return the document of a study, expectations checked."""
+    draft = _result(study, [])
+    return _result(study, expectations(study.scenario.expected, draft.model_dump()))
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that may change a number."""
+    return {"obsdesign": obsdesign.__version__, "python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
+
+
+def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
+    """Return the key of a suite: all, or its sensors joined with +."""
+    return "all" if set(sensors) == set(study.scenario.sensor_names) else "+".join(sensors)
+
+
+def _result(study: Study, expected: list[Expectation]) -> Result:
+    suites = [suite_key(study, suite) for suite in study.suites] if study.designs else []
+    manoeuvres = dict.fromkeys(analysis.manoeuvre for analysis in study.analyses)
+    checks: dict[str, dict[str, ValidationPart]] = {}
+    for each in study.each:
+        for check in each.checks:
+            checks.setdefault(check.path, {})[check.schedule] = _validation(study, check.validation)
+    return Result(
+        schema_version=SCHEMA_VERSION,
+        scenario=_scenario(study),
+        seed=study.seed,
+        versions=versions(),
+        analyses={
+            name: {"+".join(each.sensors): _verdict(each) for each in study.analyses if each.manoeuvre == name} for name in manoeuvres
+        },
+        designs={suite: _design(design) for suite, design in zip(suites, study.designs, strict=True)},
+        paths={candidate.name: _path(study, candidate) for candidate in study.candidates},
+        selection=_selection(study),
+        selections={each.about: _selection(each) for each in study.each},
+        t=study.main.path.t.tolist(),
+        validation=checks,
+        joint=None if study.joint is None else joint_part(study, study.joint),
+        flight=None if study.flight is None else _flight(study, study.flight),
+        expected=expected,
+        timings=_timings(study),
+    )
+
+
+def _scenario(study: Study) -> ScenarioPart:
+    scenario = study.scenario
+    return ScenarioPart(
+        title=scenario.title,
+        file=Path(scenario.file).name,
+        sha256=scenario.digest,
+        states=list(scenario.state_names),
+        state_units=[signal.unit for signal in scenario.vehicle.states],
+        sensors=list(scenario.sensor_names),
+    )
+
+
+def _verdict(analysis: Analysis) -> VerdictPart:
+    verdict = analysis.verdict
+    return VerdictPart(
+        dimension=verdict.dimension,
+        states=len(verdict.null_space),
+        observable=verdict.observable,
+        decided=verdict.decided,
+        ranks=list(verdict.ranks),
+        observable_states=list(verdict.observable_states),
+        unobservable_states=list(verdict.unobservable_states),
+        hidden=verdict.hidden,
+        null_space=verdict.null_space.T.tolist(),
+        proof=verdict.proof,
+    )
+
+
+def _design(design: Design) -> DesignPart:
+    cap, robustness, evidence = design.cap, design.robustness, design.evidence
+    return DesignPart(
+        status=design.status.name,
+        value=design.value,
+        objective=design.objective,
+        eigenvalues=list(design.eigenvalues),
+        duration=design.problem.longest,
+        residual=design.residual,
+        iterations=design.iterations,
+        cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
+        optima=[OptimumPart(value=each.value, starts=list(each.starts)) for each in design.optima],
+        robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
+        evidence=None if evidence is None else _evidence(evidence),
+        starts=[_start(start) for start in design.starts],
+    )
+
+
+def _start(start: Start) -> StartPart:
+    return StartPart(
+        name=start.name,
+        status=start.status.name,
+        value=start.value,
+        iterations=start.iterations,
+        residual=start.residual,
+        refined=start.refined,
+    )
+
+
+def _evidence(found: Evidence) -> EvidencePart:
+    return EvidencePart(
+        estimate=found.estimate, remaining=found.remaining, dual=found.Z.tolist(), climbs=found.climbs, in_words=found.in_words
+    )
+
+
+def _path(study: Study, candidate: Candidate) -> PathPart:
+    return PathPart(
+        feasible=candidate.feasible,
+        shortfalls=_shortfalls(candidate.shortfalls),
+        duration=candidate.duration,
+        quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
+        contributions=_contributions(candidate.contributions),
+    )
+
+
+def _contributions(found: Contributions) -> dict[str, ContributionPart]:
+    return {
+        state.name: ContributionPart(
+            std=float(found.std[i]),
+            by_sensor=dict(zip(found.sensors, found.shares[i].sum(axis=0).tolist(), strict=True)),
+            in_words=found.sentences[i],
+        )
+        for i, state in enumerate(found.states)
+    }
+
+
+def _quality(quality: Quality) -> QualityPart:
+    return QualityPart(value=quality.value, eigenvalues=quality.eigenvalues.tolist(), std=quality.std.tolist())
+
+
+def _selection(study: Study) -> SelectionPart:
+    selection, asked, sensors = study.selection, study.scenario.selection, study.scenario.sensor_names
+    schedule, random = selection.schedule, selection.random_values
+    return SelectionPart(
+        criterion=asked.criterion,
+        per_segment=asked.per_segment,
+        robust_to=asked.robust_to,
+        rules=[str(rule) for rule in asked.rules],
+        status=schedule.status.name,
+        chosen=schedule.chosen.astype(int).tolist(),
+        seconds=dict(zip(sensors, (np.diff(segment_nodes(study)) @ schedule.chosen).tolist(), strict=True)),
+        value=schedule.value,
+        exact_value=selection.exact,
+        bound=schedule.bound,
+        root_bound=schedule.root_bound,
+        gap=schedule.gap,
+        fractional_segments=schedule.fractional,
+        nodes=schedule.nodes,
+        notes=list(schedule.notes),
+        dual=schedule.dual.tolist(),
+        offset=schedule.offset,
+        prices=schedule.prices.tolist(),
+        forced_on=schedule.forced_on.tolist(),
+        forced_off=schedule.forced_off.tolist(),
+        naive={rival.name: rival.value for rival in selection.rivals},
+        broken={rival.name: list(rival.breaks) for rival in selection.rivals},
+        random_best=float(random[-1]) if len(random) else float("nan"),
+        random_median=float(random[len(random) // 2]) if len(random) else float("nan"),
+        random_count=len(random),
+        losses={sensors[each.sensor]: LossPart(kept=each.kept, rechosen=each.rechosen, bound=each.bound) for each in selection.losses},
+        pareto=None if selection.pareto is None else _pareto(selection.pareto),
+    )
+
+
+def _pareto(front: Pareto) -> ParetoPart:
+    return ParetoPart(
+        limits=front.limits.tolist(),
+        spent=front.spent.tolist(),
+        values=front.values.tolist(),
+        bounds=front.bounds.tolist(),
+        chosen=[schedule.chosen.astype(int).tolist() for schedule in front.schedules],
+    )
+
+
+def _flight(study: Study, flight: Flight) -> FlightPart:
+    plans = zip(flight.statuses, flight.feasible, flight.ages, flight.values, strict=True)
+    return FlightPart(
+        t=flight.t.tolist(),
+        flown=_flown(study, flight),
+        middle=None if flight.straight is None else _flown(study, flight.straight),
+        plans=[PlanPart(status=status.name, feasible=feasible, age=age, value=value) for status, feasible, age, value in plans],
+        feasible_plans=sum(flight.feasible),
+    )
+
+
+def _flown(study: Study, flight: Flight) -> FlownPart:
+    states, inputs = study.scenario.state_names, study.scenario.system.model.input_names
+    return FlownPart(
+        truth=_by_name(states, flight.truth),
+        mean=_by_name(states, flight.mean),
+        std=_by_name(states, flight.std),
+        u=_by_name(inputs, flight.u),
+        nees=flight.nees.tolist(),
+        final_error=dict(zip(states, final_errors(study, flight).tolist(), strict=True)),
+        final_std=dict(zip(states, flight.std[-1].tolist(), strict=True)),
+        shortfalls=_shortfalls(broken(study, flight)),
+        margin=least_margin(study, flight),
+    )
+
+
+def _by_name(names: tuple[str, ...], values: np.ndarray) -> dict[str, list[float]]:
+    return dict(zip(names, values.T.tolist(), strict=True))
+
+
+def _shortfalls(found: tuple[Shortfall, ...]) -> list[ShortfallPart]:
+    return [ShortfallPart(what=each.what, time=each.time, by=each.by, unit=each.unit) for each in found]
+
+
+def _timings(study: Study) -> dict[str, float]:
+    plans = study.flight.seconds if study.flight is not None else ()
+    later = {"plan, median": median(plans[1:]), "plan, longest": max(plans[1:])} if len(plans) > 1 else {}
+    return dict(study.seconds) | ({"first plan": plans[0]} if plans else {}) | later
+
+
+def _validation(study: Study, validation: Validation) -> ValidationPart:
+    names = study.scenario.state_names
+    return ValidationPart(
+        verdict=validation.verdict,
+        in_band=validation.in_band,
+        nees_interval=validation.nees_interval,
+        nees=validation.nees.tolist(),
+        final_rmse=dict(zip(names, validation.rmse[-1].tolist(), strict=True)),
+        final_bound=dict(zip(names, validation.bound[-1].tolist(), strict=True)),
+        rmse=dict(zip(names, validation.rmse.T.tolist(), strict=True)),
+        bound=dict(zip(names, validation.bound.T.tolist(), strict=True)),
+        runs=validation.runs,
+    )

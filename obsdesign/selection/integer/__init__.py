@@ -1,0 +1,1 @@
+"""From the relaxation to one schedule with a proof."""

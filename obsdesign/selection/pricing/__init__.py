@@ -1,0 +1,1 @@
+"""The schedules that keep every rule, and the best of them for given prices."""

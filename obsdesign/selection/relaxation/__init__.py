@@ -1,0 +1,1 @@
+"""The relaxation of a selection problem: bounds, and mixtures of schedules that reach them."""
