@@ -20,7 +20,7 @@ from benchmarks.missions import beacon_mission, mission, plateau
 from benchmarks.optimisers import Answer, answers
 from benchmarks.tables import exponent, machine, table, write
 from obsdesign.design.initial_guesses import start_inputs
-from obsdesign.design.local_solve import Climbed, Task, climbed, families_of
+from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
 
 BEACON_STARTS, MANY, WORKERS = 40, 200, 2
 
@@ -59,20 +59,20 @@ def random_starts(problem: od.DesignProblem, count: int, seed: int = 0) -> list[
     return [centre + 0.6 * half * random.uniform(-1, 1, len(lower)) for _ in range(count)]
 
 
-def _timed(problem: od.DesignProblem, p: np.ndarray, coarse: bool = False) -> tuple[float, Climbed]:
+def _timed(problem: od.DesignProblem, p: np.ndarray, coarse: bool = False) -> tuple[float, LocalSolution]:
     """Climb from parameters; coarse: through coarser families, as designs do."""
     u = np.array(problem.path.inputs(p, problem.grid)).reshape(problem.steps, -1)  # pyright: ignore[reportArgumentType]
     families = families_of(problem.path) if coarse else (problem.path,)
     began = perf_counter()
-    found = climbed(Task(problem, "random", u, families, True))
+    found = solve_locally(LocalSolve(problem, "random", u, families, True))
     return perf_counter() - began, found
 
 
-def _all(problem: od.DesignProblem, starts: Sequence[np.ndarray], pool: Executor | None = None) -> list[tuple[float, Climbed]]:
+def _all(problem: od.DesignProblem, starts: Sequence[np.ndarray], pool: Executor | None = None) -> list[tuple[float, LocalSolution]]:
     return list((map if pool is None else pool.map)(partial(_timed, problem), starts))
 
 
-def _value(found: Climbed) -> float:
+def _value(found: LocalSolution) -> float:
     return found.objective if found.status.has_answer else float("nan")
 
 
@@ -127,14 +127,14 @@ def saturated() -> list[str]:
     ]
 
 
-def _log_det(problem: od.DesignProblem, found: Climbed) -> float:
-    return od.LogDet().value(problem.scaled(problem.judged(found.path)))
+def _log_det(problem: od.DesignProblem, found: LocalSolution) -> float:
+    return od.LogDet().value(problem.scaled(problem.information_matrix(found.path)))
 
 
 def _log_det_of(problem: od.DesignProblem, design: od.Design) -> float:
     if design.trajectory is None:
         return float("nan")
-    return od.LogDet().value(problem.scaled(problem.judged(design.trajectory)))
+    return od.LogDet().value(problem.scaled(problem.information_matrix(design.trajectory)))
 
 
 def goal_and_obstacle(pool: Executor) -> list[str]:
@@ -184,7 +184,7 @@ def against_scipy() -> list[str]:
     inputs = [u for _, (_, u) in zip(range(2), start_inputs(problem, 0), strict=False)]
     starts = [problem.path.fit(u, problem.grid) for u in inputs]
     began = perf_counter()
-    ours = [climbed(Task(problem, "", u, families_of(problem.path), True)) for u in inputs]
+    ours = [solve_locally(LocalSolve(problem, "", u, families_of(problem.path), True)) for u in inputs]
     mine = Answer("obsdesign", max(_value(each) for each in ours), perf_counter() - began, 0, "2 of 2 starts end within the limits")
     theirs = list(answers(problem, starts))
     rows = [(mine.name, mine.value, mine.seconds, "", mine.said)]

@@ -17,7 +17,7 @@ from benchmarks.scene import START, STEP, flown, unicycle
 from benchmarks.tables import exponent, peak_memory, table
 from benchmarks.timing import MODES, Times, in_modes, mode, timed
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.information.gramian import transported
+from obsdesign.information.gramian import sensitivity_scan
 
 STEPS = (1_000, 10_000, 100_000, 1_000_000)
 SENSORS = (1, 4, 16, 64)
@@ -107,7 +107,7 @@ def _series(
         path = path_of(size)
         for name, each in timed(in_modes(lambda loops, size=size, path=path: _along(system_of(size, loops), path)), rounds=3).items():
             times[name].append(each)
-        operations.append(transported(system_of(size, "").model, STEP, True).instructions)
+        operations.append(sensitivity_scan(system_of(size, "").model, STEP, True).instructions)
     return [_row(what, name, sizes, times[name], operations) for name in MODES]
 
 

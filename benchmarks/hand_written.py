@@ -17,7 +17,7 @@ from benchmarks.scene import BEACON, SIGMAS, STEP, flown, unicycle
 from benchmarks.tables import table
 from benchmarks.timing import Subject, apart, in_modes, judged, ratios, timed
 from obsdesign.dynamics.step import sensitivity_of
-from obsdesign.information.gramian import transported
+from obsdesign.information.gramian import sensitivity_scan
 
 SOURCE = Path(__file__).parent / "unicycle_wind.c"
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
@@ -53,7 +53,7 @@ def _alive(call: Callable[[], object], *_arrays: np.ndarray) -> object:
 def _bare(system: od.System, path: od.Trajectory) -> np.ndarray:
     """Blocks (N, S, n, n) from a path that is taken to be right."""
     start = sensitivity_of(system.model, path.step).start
-    run = transported(system.model, path.step, True).run(start[None], [path.x[:-1], path.u], path.steps, carries=False)
+    run = sensitivity_scan(system.model, path.step, True).run(start[None], [path.x[:-1], path.u], path.steps, carries=False)
     return run.results[0].reshape(path.steps, -1, 5, 5)
 
 

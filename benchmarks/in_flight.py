@@ -9,7 +9,7 @@ import numpy as np
 import obsdesign as od
 from benchmarks.missions import DUBINS, SCALE, START
 from benchmarks.tables import table
-from obsdesign.design.sqp.trust_region_sqp import ITERATIONS as TO_THE_END
+from obsdesign.design.sqp.trust_region_sqp import MAX_ITERATIONS as SOLVER_ITERATIONS
 from obsdesign.planning.planner import Planner
 
 STEPS, DEADLINE, COMPARED = 500, 0.1, 120
@@ -33,7 +33,7 @@ def in_flight() -> list[str]:
     """A closed loop of 500 steps, replanned at each of them, without noise; the same to the end at each of the first."""
     problem = replace(circuit(), start=(0.0, 0.0, 0.0, 0.1, -0.05))
     quick = _looped(problem, Planner(problem, every=problem.step), STEPS, DEADLINE)
-    thorough = _looped(problem, Planner(problem, every=problem.step, iterations=TO_THE_END, enough=1e-9), COMPARED, None)
+    thorough = _looped(problem, Planner(problem, every=problem.step, iterations=SOLVER_ITERATIONS, enough=1e-9), COMPARED, None)
     free = _looped(problem, Planner(problem, every=problem.step), COMPARED, None)
     seconds = 1e3 * np.array([plan.seconds for plan in quick[1:]])
     values, best = np.array([plan.value for plan in free[1:]]), np.array([plan.value for plan in thorough[1:]])

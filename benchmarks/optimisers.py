@@ -10,8 +10,8 @@ import numpy as np
 from scipy import optimize
 
 import obsdesign as od
-from obsdesign.design.feasibility import rows_of
-from obsdesign.design.nlp.program import Program, Slopes, Values
+from obsdesign.design.feasibility import initial_rows
+from obsdesign.design.nlp.program import Derivatives, Evaluation, Program
 
 _TOLERANCE = 1e-5  # by how much a margin may fall short for the answer to count
 _SECONDS = 20.0
@@ -35,15 +35,15 @@ class _Once:
     program: Program
     last: dict[str, object] = field(default_factory=dict)
 
-    def values(self, p: np.ndarray) -> Values:
+    def values(self, p: np.ndarray) -> Evaluation:
         if not np.array_equal(self.last.get("p", ()), p):
-            self.last.update(p=p.copy(), values=self.program.at(p), slopes=None, count=self.count + 1)
+            self.last.update(p=p.copy(), values=self.program.evaluate(p), slopes=None, count=self.count + 1)
         return self.last["values"]  # pyright: ignore[reportReturnType]
 
-    def slopes(self, p: np.ndarray) -> Slopes:
+    def slopes(self, p: np.ndarray) -> Derivatives:
         values = self.values(p)
         if self.last["slopes"] is None:
-            self.last["slopes"] = self.program.slopes(values)
+            self.last["slopes"] = self.program.derivatives(values)
         return self.last["slopes"]  # pyright: ignore[reportReturnType]
 
     @property
@@ -108,7 +108,7 @@ def _evolved(problem: od.DesignProblem) -> Answer:
 
 
 def _functions(problem: od.DesignProblem) -> tuple[_Once, float]:
-    program = Program(problem, rows_of(problem))
+    program = Program(problem, initial_rows(problem))
     once = _Once(program)
     W = once.values((program.lower + program.upper) / 2).matrices[0]
     return once, float(np.trace(W)) / len(W) * 0.01

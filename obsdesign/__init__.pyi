@@ -26,7 +26,7 @@ from .criteria.posterior import Posterior as Posterior
 from .criteria.trace_inverse import TraceInverse as TraceInverse
 from .curves import Curve as Curve
 from .curves import shortest_curve as shortest_curve
-from .design.feasibility import Shortfall as Shortfall
+from .design.feasibility import Violation as Violation
 from .design.multistart import design_trajectory as design_trajectory
 from .design.problem import DesignProblem as DesignProblem
 from .design.problem import Floor as Floor

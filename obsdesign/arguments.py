@@ -47,7 +47,7 @@ class Kind:
         for where, part, kind in self.parts(value) if self.parts is not None and self.passes(value) else ():
             if not kind.accepts(part):
                 kind.refuse(f"{what}{where}", part)
-        raise InputError(f"{what} is {_shown(value)}: must be {self.accepted}")
+        raise InputError(f"{what} is {_display(value)}: must be {self.accepted}")
 
 
 def validate_arguments(public: Public) -> Public:
@@ -58,23 +58,23 @@ def validate_arguments(public: Public) -> Public:
     tuple; what is annotated Any or by a type variable is taken as it is.
     """
     if inspect.isclass(public):
-        public.__init__ = _validated_constructor(public.__init__, public)
+        public.__init__ = _validating_constructor(public.__init__, public)
         return public  # pyright: ignore[reportReturnType]
     require = _requirement(public, public)
 
     @wraps(public)
-    def validated(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401  # those of the function
+    def wrapper(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401  # those of the function
         require("", arguments, named)
         return public(*arguments, **named)
 
-    return validated  # pyright: ignore[reportReturnType]
+    return wrapper  # pyright: ignore[reportReturnType]
 
 
-def _validated_constructor(constructor: Callable[..., None], record: type) -> Callable[..., None]:
+def _validating_constructor(constructor: Callable[..., None], record: type) -> Callable[..., None]:
     require = _requirement(constructor, record)
 
     @wraps(constructor)
-    def validated(self: object, *arguments: Any, **named: Any) -> None:  # noqa: ANN401  # those of the constructor
+    def wrapper(self: object, *arguments: Any, **named: Any) -> None:  # noqa: ANN401  # those of the constructor
         try:
             constructor(self, *arguments, **named)
         except ObsdesignError:
@@ -84,7 +84,7 @@ def _validated_constructor(constructor: Callable[..., None], record: type) -> Ca
             raise
         require(f"{record.__name__}: ", (self, *arguments), named)
 
-    return validated
+    return wrapper
 
 
 def _requirement(function: Callable[..., Any], public: Callable[..., Any]) -> Callable[[str, tuple[Any, ...], dict[str, Any]], None]:
@@ -93,22 +93,22 @@ def _requirement(function: Callable[..., Any], public: Callable[..., Any]) -> Ca
 
     @cache
     def kinds() -> tuple[dict[str, Kind], tuple[Callable[[Any], bool], ...]]:  # when first called: annotations may name what comes later
-        known = {name: kind_of(hint) for name, hint in _hints(function, public)}
-        return known, tuple(known.get(name, _ANYTHING).test for name in names)
+        kinds_by_name = {name: kind_of(hint) for name, hint in _hints(function, public)}
+        return kinds_by_name, tuple(kinds_by_name.get(name, _ANYTHING).test for name in names)
 
     def require(prefix: str, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
-        known, tests = kinds()
+        kinds_by_name, tests = kinds()
         for i, (test, value) in enumerate(zip(tests, arguments, strict=False)):
             if not test(value):
-                known[names[i]].refuse(prefix + names[i], value)
+                kinds_by_name[names[i]].refuse(prefix + names[i], value)
         for name, value in named.items():
-            if name in known and not known[name].accepts(value):
-                known[name].refuse(prefix + name, value)
+            if name in kinds_by_name and not kinds_by_name[name].accepts(value):
+                kinds_by_name[name].refuse(prefix + name, value)
 
     return require
 
 
-def _shown(value: Any) -> str:  # noqa: ANN401  # whatever a caller gave
+def _display(value: Any) -> str:  # noqa: ANN401  # whatever a caller gave
     try:
         text = repr(value)
     except Exception:  # noqa: BLE001  # a value that cannot even be shown, or a number too long for it
@@ -140,14 +140,14 @@ def _type_checking_names(module: str) -> dict[str, Any]:
     """Return what a module imports for annotations alone, under `if TYPE_CHECKING`."""
     tree = ast.parse(inspect.getsource(sys.modules[module]))
     blocks = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
-    found: dict[str, Any] = {}
+    names: dict[str, Any] = {}
     for node in (statement for block in blocks for statement in block.body):
         if isinstance(node, ast.ImportFrom) and node.module:
             source = importlib.import_module(node.module)
-            found |= {alias.asname or alias.name: getattr(source, alias.name) for alias in node.names}
+            names |= {alias.asname or alias.name: getattr(source, alias.name) for alias in node.names}
         elif isinstance(node, ast.Import):
-            found |= {alias.asname or alias.name: importlib.import_module(alias.name) for alias in node.names}
-    return found
+            names |= {alias.asname or alias.name: importlib.import_module(alias.name) for alias in node.names}
+    return names
 
 
 def kind_of(hint: Any) -> Kind:  # noqa: ANN401  # an annotation
@@ -158,7 +158,7 @@ def kind_of(hint: Any) -> Kind:  # noqa: ANN401  # an annotation
     if origin is Literal:
         return Kind(lambda value: isinstance(value, str) and value in inner, f"one of {', '.join(map(repr, inner))}")
     if origin is tuple and inner[-1] is not Ellipsis:
-        return _fixed_row([kind_of(each) for each in inner])
+        return _row_of_length([kind_of(argument) for argument in inner])
     if inspect.isclass(origin) and issubclass(origin, Mapping):
         return _table(*map(kind_of, inner))
     if inspect.isclass(origin) and issubclass(origin, Sequence):
@@ -178,10 +178,10 @@ def _of_class(hint: type) -> Kind:
 
 def _members(inner: Sequence[Any]) -> list[Kind]:
     """Return what the members of a union accept; ArrayLike is one of many members, which count as one."""
-    if any("_SupportsArray" in str(each) for each in inner):
-        own = [each for each in inner if each is NoneType or getattr(each, "__module__", "").startswith("obsdesign")]
-        return [_ARRAY, *map(kind_of, own)]
-    return [kind_of(each) for each in inner]
+    if any("_SupportsArray" in str(member) for member in inner):
+        own_members = [member for member in inner if member is NoneType or getattr(member, "__module__", "").startswith("obsdesign")]
+        return [_ARRAY, *map(kind_of, own_members)]
+    return [kind_of(member) for member in inner]
 
 
 def _is_whole(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
@@ -241,7 +241,7 @@ def _row(kind: Kind) -> Kind:
     return Kind(_is_row, f"a tuple or list, each entry {kind.accepted}", parts)
 
 
-def _fixed_row(kinds: Sequence[Kind]) -> Kind:
+def _row_of_length(kinds: Sequence[Kind]) -> Kind:
     def parts(value: Any) -> Iterator[Part]:  # noqa: ANN401  # a row
         return ((f"[{i}]", part, kind) for i, (part, kind) in enumerate(zip(value, kinds, strict=True)))
 
@@ -280,18 +280,18 @@ def _one_of(kinds: Sequence[Kind]) -> Kind:
 
 def _instance_of(family: type) -> Kind:
     """Return what accepts instances: of a family by its members' names, else by the name of the class."""
-    leaves = sorted({each.__name__ for each in _leaves(family) if not each.__name__.startswith("_")})
+    leaves = sorted({leaf.__name__ for leaf in _leaves(family) if not leaf.__name__.startswith("_")})
     accepted = f"one of {', '.join(leaves)}" if inspect.isabstract(family) and leaves else f"a {family.__name__}"
-    seen: set[type] = set()  # classes of values that were accepted: an abstract base takes long to tell
+    accepted_types: set[type] = set()  # classes of values that were accepted: an abstract base takes long to tell
 
     def passes(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
-        return type(value) in seen or (isinstance(value, family) and not seen.add(type(value)))
+        return type(value) in accepted_types or (isinstance(value, family) and not accepted_types.add(type(value)))
 
     return Kind(passes, accepted)
 
 
 def _leaves(family: type) -> Iterator[type]:
-    for each in type.__subclasses__(family):
-        yield from _leaves(each)
+    for subclass in type.__subclasses__(family):
+        yield from _leaves(subclass)
     if not inspect.isabstract(family):
         yield family

@@ -80,11 +80,11 @@ def as_pair(what: str, values: Any) -> tuple[float, float]:  # noqa: ANN401  # w
     return first, second
 
 
-def require_count(what: str, value: int, least: int = 1, most: int | None = None) -> None:
+def require_count(what: str, value: int, minimum: int = 1, maximum: int | None = None) -> None:
     """Raise InputError unless value is a whole number in [least, most]."""
-    whole = isinstance(value, Integral) and not isinstance(value, bool)
-    if not whole or value < least or (most is not None and value > most):
-        accepted = f"a whole number of at least {least}" if most is None else f"a whole number from {least} to {most}"
+    is_whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not is_whole or value < minimum or (maximum is not None and value > maximum):
+        accepted = f"a whole number of at least {minimum}" if maximum is None else f"a whole number from {minimum} to {maximum}"
         raise InputError(f"{what} is {value!r}: must be {accepted}")
 
 

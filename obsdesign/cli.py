@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # pydantic would read the metadata of every installed package in search of plugins: a tenth of the start of `check`
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     options = _parser().parse_args(arguments)
-    interrupts = Interrupts(lambda: _complain(options, "interrupted: nothing was written", ExitCode.INTERRUPTED))
+    interrupts = Interrupts(lambda: _print_error(options, "interrupted: nothing was written", ExitCode.INTERRUPTED))
     interrupts.listen()
     try:
         code = options.verb(options)
@@ -43,11 +43,11 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             code = ExitCode.INTERRUPTED
         elif isinstance(error, ObsdesignError):
             code = error.exit_code
-            _complain(options, str(error), code)
+            _print_error(options, str(error), code)
         else:  # a fault of ours: never exit code 1, which is an answer of the study
             code = ExitCode.SOLVER_FAILED
             traceback.print_exc()
-            _complain(options, f"internal error, please report it: {type(error).__name__}: {error}", code)
+            _print_error(options, f"internal error, please report it: {type(error).__name__}: {error}", code)
     sys.exit(code)
 
 
@@ -63,16 +63,19 @@ def _parser() -> argparse.ArgumentParser:
     run = _verb(verbs, "run", _run, "answer the four questions of a scenario and write a page to look at")
     run.add_argument("scenario", type=Path, help="TOML file")
     run.add_argument("--out", type=Path, help="folder for report.html, result.json, trajectory.csv, schedule.csv (default: reports/NAME)")
-    run.add_argument("--seed", type=_count(0), help="overrides the scenario's seed")
+    run.add_argument("--seed", type=_whole_number_type(0), help="overrides the scenario's seed")
     run.add_argument(
-        "--jobs", type=_count(1), default=os.cpu_count() or 1, help="processes (default: %(default)s); the answer does not depend on it"
+        "--jobs",
+        type=_whole_number_type(1),
+        default=os.cpu_count() or 1,
+        help="processes (default: %(default)s); the answer does not depend on it",
     )
     run.add_argument("--quiet", action="store_true", help="no progress, no summary")
     select = _verb(verbs, "select", _select, "choose the sensors along a path from a file, or along that of an earlier run")
     select.add_argument("path", type=Path, help="CSV file with t, the states and perhaps the inputs, or a folder with a trajectory.csv")
     select.add_argument("--scenario", type=Path, required=True, help="TOML file: vehicle, sensors, prior, time.segment, selection")
     select.add_argument("--out", type=Path, help="folder for report.html, result.json, trajectory.csv, schedule.csv (default: none)")
-    select.add_argument("--seed", type=_count(0), help="overrides the scenario's seed")
+    select.add_argument("--seed", type=_whole_number_type(0), help="overrides the scenario's seed")
     select.add_argument("--quiet", action="store_true", help="no table")
     check = _verb(verbs, "check", _check, "read a scenario and say what is wrong with it; starts no solver")
     check.add_argument("scenario", type=Path, help="TOML file")
@@ -93,10 +96,10 @@ def _verb(
     return parser
 
 
-def _count(least: int) -> Callable[[str], int]:
+def _whole_number_type(minimum: int) -> Callable[[str], int]:
     def whole_number(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {least}")
+        if not text.isdecimal() or int(text) < minimum:
+            raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {minimum}")
         return int(text)
 
     return whole_number
@@ -125,7 +128,7 @@ def _run(options: argparse.Namespace) -> ExitCode:
         from obsdesign.report.terminal import summary_of
 
         Console(highlight=False, soft_wrap=True).print(summary_of(result), f"\nWritten to {folder}/: open report.html")
-    return _judge(result)
+    return _expectations_exit(result)
 
 
 def _select(options: argparse.Namespace) -> ExitCode:
@@ -139,21 +142,21 @@ def _select(options: argparse.Namespace) -> ExitCode:
 
     from obsdesign.exchange.trajectory_csv import read_trajectory_csv
     from obsdesign.report.folder import as_json, write_report
-    from obsdesign.report.to_document import result_of
+    from obsdesign.report.to_document import document_of
     from obsdesign.study.runner import select_along
 
     file = options.path / "trajectory.csv" if options.path.is_dir() else options.path
-    found = read_trajectory_csv(scenario.system, file)
+    path_file = read_trajectory_csv(scenario.system, file)
     # what is known of a scenario's own results is not asked of another path
-    study = select_along(scenario.model_copy(update={"expected": ()}), found.path, options.seed, found.notes)
-    result = result_of(study) if options.out is None else write_report(options.out, study)
+    study = select_along(scenario.model_copy(update={"expected": ()}), path_file.path, options.seed, path_file.notes)
+    result = document_of(study) if options.out is None else write_report(options.out, study)
     if options.json:
         print(as_json(result), end="")
     elif not options.quiet:
         from obsdesign.report.terminal import schedule_of
 
         written = () if options.out is None else (f"\nWritten to {options.out}/: open report.html",)
-        Console(highlight=False, soft_wrap=True).print(schedule_of(result), *found.notes, *written, sep="\n", markup=False)
+        Console(highlight=False, soft_wrap=True).print(schedule_of(result), *path_file.notes, *written, sep="\n", markup=False)
     return ExitCode.DONE
 
 
@@ -179,15 +182,18 @@ def _schema(options: argparse.Namespace) -> ExitCode:
     return ExitCode.DONE
 
 
-def _judge(result: Result) -> ExitCode:
-    missed = [each for each in result.expected if not each.met]
-    for each in missed:
-        found = "no such key in result.json" if each.found is None else f"found {each.found}"
-        print(f"expected {each.key} = {each.value} within {each.tolerance} ({each.source}): {found}", file=sys.stderr)
+def _expectations_exit(result: Result) -> ExitCode:
+    missed = [expectation for expectation in result.expected if not expectation.met]
+    for expectation in missed:
+        outcome = "no such key in result.json" if expectation.found is None else f"found {expectation.found}"
+        print(
+            f"expected {expectation.key} = {expectation.value} within {expectation.tolerance} ({expectation.source}): {outcome}",
+            file=sys.stderr,
+        )
     return ExitCode.NO if missed else ExitCode.DONE
 
 
-def _complain(options: argparse.Namespace, message: str, code: ExitCode) -> None:
+def _print_error(options: argparse.Namespace, message: str, code: ExitCode) -> None:
     print(f"obsdesign: {message}", file=sys.stderr)
     if options.json:
         print(json.dumps({"error": message, "exit_code": int(code)}))
@@ -195,6 +201,6 @@ def _complain(options: argparse.Namespace, message: str, code: ExitCode) -> None
 
 def _require_writable(folder: Path) -> None:
     """Refuse an unusable folder before a minute of work, without making it."""
-    existing = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    existing = next(folder_or_parent for folder_or_parent in (folder.absolute(), *folder.absolute().parents) if folder_or_parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"--out {folder}: {existing} is no folder that can be written to")

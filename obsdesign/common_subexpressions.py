@@ -20,6 +20,6 @@ def without_repeats(expressions: Sequence[ca.SX]) -> list[ca.SX]:
     symbols = ca.symvar(ca.veccat(*expressions))
     if len({symbol.name() for symbol in symbols}) == len(symbols):
         return ca.cse(list(expressions))
-    own = [ca.SX.sym(f"symbol {i}") for i in range(len(symbols))]
-    named = ca.substitute(list(expressions), symbols, own)
-    return ca.substitute(ca.cse(named), own, symbols)
+    unique_symbols = [ca.SX.sym(f"symbol {i}") for i in range(len(symbols))]
+    renamed = ca.substitute(list(expressions), symbols, unique_symbols)
+    return ca.substitute(ca.cse(renamed), unique_symbols, symbols)

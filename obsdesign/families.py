@@ -17,6 +17,6 @@ def kinds(package: ModuleType) -> tuple[str, ...]:
 def leaf(package: ModuleType, kind: str) -> type:
     """Return the one concrete class that the file `kind` of the package defines."""
     module = importlib.import_module(f"{package.__name__}.{kind}")
-    own = [member for _, member in inspect.getmembers(module, inspect.isclass) if member.__module__ == module.__name__]
-    (only,) = own
-    return only
+    classes = [member for _, member in inspect.getmembers(module, inspect.isclass) if member.__module__ == module.__name__]
+    (member_class,) = classes
+    return member_class

@@ -25,11 +25,11 @@ def convex_corners(what: str, corners: Any) -> tuple[Point, ...]:  # noqa: ANN40
     _require_distinct(what, points)
     _require_area(what, points)
     turns = _turns(points)
-    sense = 1 if _area(points) > 0 else -1
-    once = isclose(abs(sum(turns)), 2 * pi, abs_tol=1e-6)
-    if not (once and all(turn * sense >= -_FLAT for turn in turns)):
-        raise InputError(_what_is_not_convex(what, points, [turn * sense for turn in turns]))
-    return points if sense > 0 else points[::-1]
+    orientation = 1 if _area(points) > 0 else -1
+    is_single_turn = isclose(abs(sum(turns)), 2 * pi, abs_tol=1e-6)
+    if not (is_single_turn and all(turn * orientation >= -_FLAT for turn in turns)):
+        raise InputError(_concavity_message(what, points, [turn * orientation for turn in turns]))
+    return points if orientation > 0 else points[::-1]
 
 
 def half_planes(corners: Sequence[Point]) -> tuple[tuple[Point, ...], tuple[float, ...]]:
@@ -63,8 +63,8 @@ def circle_through(points: Sequence[Point]) -> tuple[Point, float]:
     """
     if len(points) != 3:
         raise InputError(f"the circle through points needs exactly 3 of them, there are {len(points)}: {list(points)}")
-    (x, y), *others = points
-    (ax, ay), (bx, by) = ((east - x, north - y) for east, north in others)
+    (x, y), *offsets_from = points
+    (ax, ay), (bx, by) = ((east - x, north - y) for east, north in offsets_from)
     aa, bb = ax * ax + ay * ay, bx * bx + by * by
     twice = 2 * (ax * by - ay * bx)
     if abs(twice) <= 2 * _FLAT * max(aa, bb, (bx - ax) ** 2 + (by - ay) ** 2):
@@ -101,11 +101,11 @@ def _require_area(what: str, points: Sequence[Point]) -> None:
         raise InputError(f"{what} is {tuple(points)}: all corners lie on one line, must enclose an area")
 
 
-def _what_is_not_convex(what: str, points: Sequence[Point], turns: Sequence[float]) -> str:
+def _concavity_message(what: str, points: Sequence[Point], turns: Sequence[float]) -> str:
     """Say which edges cross or, where none do, which corner turns against the others."""
     for (i, (a, b)), (j, (c, d)) in combinations(enumerate(_edges(points)), 2):
         neighbours = j - i in (1, len(points) - 1)
-        if not neighbours and _meet(a, b, c, d):
+        if not neighbours and _segments_intersect(a, b, c, d):
             edges = f"the edge from corner {i}, {a}, to {b} meets the edge from corner {j}, {c}, to {d}"
             return f"{what}: {edges}: must follow each other around a convex area"
     i = min(range(len(points)), key=lambda corner: turns[corner])
@@ -133,7 +133,7 @@ def _cross(origin: Point, first: Point, second: Point) -> float:
     return (first[0] - origin[0]) * (second[1] - origin[1]) - (first[1] - origin[1]) * (second[0] - origin[0])
 
 
-def _meet(a: Point, b: Point, c: Point, d: Point) -> bool:
+def _segments_intersect(a: Point, b: Point, c: Point, d: Point) -> bool:
     """Whether the segments ab and cd have a point in common."""
     sides = _cross(a, b, c), _cross(a, b, d), _cross(c, d, a), _cross(c, d, b)
     if sides == (0, 0, 0, 0):

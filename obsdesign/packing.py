@@ -15,18 +15,18 @@ def symmetric(name: str, n: int) -> tuple[ca.SX, ca.SX]:
     return ca.tril2symm(lower), lower.nz[:]
 
 
-def packed(J: ca.SX) -> ca.SX:
+def pack(J: ca.SX) -> ca.SX:
     """Return the lower triangle of a symmetric J (n, n) as a column, in the order of `symmetric`."""
     return ca.vertcat(*[J[i, j] for j in range(J.shape[0]) for i in range(j, J.shape[0])])
 
 
-def packed_values(J: np.ndarray) -> np.ndarray:
+def pack_values(J: np.ndarray) -> np.ndarray:
     """Return the same entries of numbers (..., n, n)."""
     rows, columns = lower_indices(J.shape[-1])
     return np.ascontiguousarray(J[..., rows, columns])
 
 
-def unpacked(values: np.ndarray, n: int) -> np.ndarray:
+def unpack(values: np.ndarray, n: int) -> np.ndarray:
     """Return symmetric matrices (..., n, n) of their lower triangles."""
     rows, columns = lower_indices(n)
     J = np.empty((*values.shape[:-1], n, n))
@@ -68,8 +68,8 @@ class Packing:
 
 def packing_of(blocks: list[ca.SX]) -> Packing:
     """Return where the blocks have entries."""
-    places = [
+    entry_list = [
         (s, i, j) for s, block in enumerate(blocks) for j in range(block.shape[0]) for i in range(j, block.shape[0]) if block.has_nz(i, j)
     ]
-    found = np.array(places, dtype=int).reshape(-1, 3)
-    return Packing(found[:, 0], found[:, 1], found[:, 2], (len(blocks), *blocks[0].shape))
+    entries = np.array(entry_list, dtype=int).reshape(-1, 3)
+    return Packing(entries[:, 0], entries[:, 1], entries[:, 2], (len(blocks), *blocks[0].shape))

@@ -50,8 +50,8 @@ class Prior(AbstractDisplay):
         rows = [(f"state {i}", f"{number(mean)} +- {number(std)}") for i, (mean, std) in enumerate(zip(self.mean, self.std, strict=True))]
         return Summary(f"prior of {len(rows)} states", tuple(rows))
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Prior) and self._key == other._key
+    def __eq__(self, value: object) -> bool:
+        return isinstance(value, Prior) and self._key == value._key
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -79,7 +79,7 @@ def _require_covariance(covariance: np.ndarray, mean: np.ndarray) -> None:
     lowest = -1.0 if not scale.all() else np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0]
     skew = np.abs(covariance - covariance.T) - 1e-12 * np.outer(scale, scale)
     if skew.max(initial=0.0) > 0:
-        i, j = (int(each) for each in np.unravel_index(int(skew.argmax()), skew.shape))
+        i, j = (int(index) for index in np.unravel_index(int(skew.argmax()), skew.shape))
         pair = f"[{i}, {j}] is {covariance[i, j]:.17g} and [{j}, {i}] is {covariance[j, i]:.17g}"
         raise InputError(f"prior: covariance{pair}: must be symmetric to 1e-12 of the standard deviations of both states")
     if lowest <= 1e-13:

@@ -92,12 +92,12 @@ class Trajectory(AbstractDisplay):
 
     def part(self, first: int, last: int) -> Trajectory:
         """Return the path from t[first] to t[last]; raise InputError unless 0 <= first < last <= N."""
-        require_count("first", first, least=0, most=self.steps - 1)
-        require_count("last", last, least=first + 1, most=self.steps)
+        require_count("first", first, minimum=0, maximum=self.steps - 1)
+        require_count("last", last, minimum=first + 1, maximum=self.steps)
         nodes, held = slice(first, last + 1), slice(first, last)
-        found = Trajectory(self.t[nodes], self.x[nodes], self.u[held], None if self.w is None else self.w[held], self.tolerance)
-        found.substeps.update(self.substeps)  # of which the whole is made: enough for a part
-        return found
+        part = Trajectory(self.t[nodes], self.x[nodes], self.u[held], None if self.w is None else self.w[held], self.tolerance)
+        part.substeps.update(self.substeps)  # of which the whole is made: enough for a part
+        return part
 
     @property
     def steps(self) -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from flint import arb, arb_mat, ctx
 
 import obsdesign as od
-from obsdesign.dynamics.simulation import held_along, substeps_along
+from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import step_of
 
 _BITS = 4000
@@ -121,8 +121,8 @@ def stacked(
 ) -> tuple[Stacked, np.ndarray]:
     """Of a system along a path, its steps and its noise at each place as they are; due (N, q): which output has a sample when."""
     one, model = step_of(system.model, path.step, substeps_along(system, path)), system.model
-    move = ca.Function("move", [one.x, one.held], [ca.densify(one.F), ca.densify(one.B_w)])
-    moves = [[each.full() for each in move(x, held)] for x, held in zip(path.x[:-1], held_along(system, path), strict=True)]
+    move = ca.Function("move", [one.x, one.all_inputs], [ca.densify(one.F), ca.densify(one.B_w)])
+    moves = [[each.full() for each in move(x, held)] for x, held in zip(path.x[:-1], all_inputs_along(system, path), strict=True)]
     names = [signal.name for signal in model.unknown_inputs]
     noise = np.zeros((path.x.shape[1], 0)) if psd is None else np.diag(np.sqrt(psd * path.step))
     kicks = [np.hstack([B[:, [names.index(name) for name in unknown]], noise]) for _, B in moves]

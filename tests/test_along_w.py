@@ -38,7 +38,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.dynamics import native_code as machine
+from obsdesign.dynamics import native_code as native
 from obsdesign.dynamics.scan import Scan
 from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.information.gramian import transition_matrices
@@ -203,8 +203,8 @@ def test_of_a_system_without_unknown_inputs_a_path_has_none():
 @pytest.mark.parametrize("mode", ["0", "1"], ids=["virtual machine", "machine code"])
 def test_rows_of_no_width_are_walked_along(mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """One for all steps, one for each, and one for each of each path."""
-    monkeypatch.setenv(machine.SWITCH, mode)
-    monkeypatch.setattr(machine, "folder", lambda: tmp_path)
+    monkeypatch.setenv(native.ENVIRONMENT_VARIABLE, mode)
+    monkeypatch.setattr(native, "cache_folder", lambda: tmp_path)
     x, u, none = ca.SX.sym("x", 2), ca.SX.sym("u", 1), ca.SX.sym("none", 0)
     scan = Scan(x, [none, u, none, none], 0.5 * x + u, [x + u])
     rows = np.random.default_rng(0).standard_normal((40, 1))

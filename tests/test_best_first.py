@@ -9,14 +9,14 @@ import pytest
 from test_selection_cuts import CASES, Case
 
 import obsdesign as od
-from obsdesign.selection.build import posed
+from obsdesign.selection.build import build_problem
 from obsdesign.selection.integer.best_first_search import best_first, finished, serves
-from obsdesign.selection.integer.reduced_problem import Walks, walks_of
-from obsdesign.selection.integer.rounding import purified
-from obsdesign.selection.integer.search import Answer, Clock, Wanted, incumbent
+from obsdesign.selection.integer.reduced_problem import ReducedProblem, reduce_problem
+from obsdesign.selection.integer.rounding import purify
+from obsdesign.selection.integer.search import Clock, Incumbent, SelectionOptions, find_incumbent
 from obsdesign.selection.integer.smoothed_dual import Smoothed, at, declines, descended, model, smoothed
-from obsdesign.selection.problem import Instance, vectors
-from obsdesign.selection.relaxation.column_generation import Relaxed, relaxed
+from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.relaxation.column_generation import RelaxedSolution, solve_relaxation
 
 NEVER = Clock(0.0, np.inf)
 
@@ -26,22 +26,22 @@ def random_blocks(K: int, S: int, n: int, seed: int) -> np.ndarray:
     return factors @ factors.swapaxes(2, 3)
 
 
-def relaxed_with_all(instance: Instance) -> tuple[Relaxed, Walks]:
+def relaxed_with_all(instance: SelectionProblem) -> tuple[RelaxedSolution, ReducedProblem]:
     """The relaxation, and all schedules as walks."""
-    found, walks = relaxed(instance, 1e-9), walks_of(instance, [], -np.inf)
+    found, walks = solve_relaxation(instance, 1e-9), reduce_problem(instance, [], -np.inf)
     assert found is not None
     assert walks is not None
     return found, walks
 
 
-def from_nothing(instance: Instance, gap: float = 1e-9) -> tuple[float, float, bool]:
+def from_nothing(instance: SelectionProblem, gap: float = 1e-9) -> tuple[float, float, bool]:
     """Value, bound and whether it was done, without a schedule to begin with."""
     found, walks = relaxed_with_all(instance)
     nothing = np.zeros(instance.shape, dtype=bool)
     result = best_first(instance, walks, found, (nothing, instance.value(nothing)), gap, lambda: False)
-    assert instance.keeps_limits(result.chosen)
+    assert instance.is_within_limits(result.chosen)
     assert result.value == instance.value(result.chosen)
-    return result.value, result.bound, result.complete
+    return result.value, result.bound, result.is_complete
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES.keys())
@@ -58,7 +58,7 @@ def test_two_at_a_time_of_which_any_one_may_be_lost(seed: int):
     """min over the lost sensor of lambda_min, by all 7^4 schedules of at most two of three."""
     blocks = np.random.default_rng(seed).standard_normal((4, 3, 2, 2))
     blocks = blocks @ blocks.swapaxes(2, 3)
-    value, bound, complete = from_nothing(posed(blocks, 2, (), od.MinEigenvalue(), 1, None))
+    value, bound, complete = from_nothing(build_problem(blocks, 2, (), od.MinEigenvalue(), 1, None))
     patterns = np.array([each for each in product((0, 1), repeat=3) if sum(each) <= 2])
     chosen = patterns[np.array(list(product(range(len(patterns)), repeat=4)))]
     W = np.stack([np.einsum("aks,ksij->aij", chosen * (np.arange(3) != lost), blocks) for lost in range(3)], axis=1)
@@ -72,11 +72,11 @@ def test_two_at_a_time_of_which_any_one_may_be_lost(seed: int):
 def test_random_blocks_of_rank_1_are_closed_to_their_bar(seed: int):
     """50 segments, one of four sensors, five states: 1.3 %, where the root leaves 2 to 4 %; the value again, and above the drawn ones."""
     blocks = random_blocks(50, 4, 5, seed)
-    instance = posed(blocks, 1, (), od.MinEigenvalue(), 0, None)
-    found = relaxed(instance, 1e-9)
+    instance = build_problem(blocks, 1, (), od.MinEigenvalue(), 0, None)
+    found = solve_relaxation(instance, 1e-9)
     assert found is not None
-    wanted = Wanted("auto", 0.012, None, 0)
-    before = incumbent(instance, found, purified(instance, found), wanted, NEVER)
+    wanted = SelectionOptions("auto", 0.012, None, 0)
+    before = find_incumbent(instance, found, purify(instance, found), wanted, NEVER)
     assert 1 - before.value / before.bound > 0.02
     after = finished(instance, found, before, wanted, NEVER)
     assert np.linalg.eigvalsh(np.einsum("ks,ksij->ij", after.chosen, blocks))[0] == pytest.approx(after.value, rel=1e-12)
@@ -87,15 +87,15 @@ def test_time_that_is_up_leaves_what_is_there():
     instance = CASES["rank 1"].posed()
     found, _ = relaxed_with_all(instance)
     nothing = np.zeros(instance.shape, dtype=bool)
-    after = finished(instance, found, Answer(nothing, 0.0, found.bound), Wanted("auto", 1e-9, 1.0, 0), Clock(0.0, 0.0))
+    after = finished(instance, found, Incumbent(nothing, 0.0, found.bound), SelectionOptions("auto", 1e-9, 1.0, 0), Clock(0.0, 0.0))
     assert (after.value, after.bound, after.nodes) == (0.0, found.bound, 0)
 
 
 def test_it_serves_a_smallest_eigenvalue_of_separate_segments():
     blocks = random_blocks(4, 2, 2, 0)
-    assert serves(posed(blocks, 1, (), od.MinEigenvalue(), 1, None))
-    assert not serves(posed(blocks, 1, (), od.LogDet(), 0, None))
-    assert not serves(posed(blocks, 1, (od.MinimumDwell(2),), od.MinEigenvalue(), 0, None))
+    assert serves(build_problem(blocks, 1, (), od.MinEigenvalue(), 1, None))
+    assert not serves(build_problem(blocks, 1, (), od.LogDet(), 0, None))
+    assert not serves(build_problem(blocks, 1, (od.MinimumDwell(2),), od.MinEigenvalue(), 0, None))
 
 
 # ---------------------------------------------------------------- the smoothed dual
@@ -105,14 +105,14 @@ def posed_dual(seed: int) -> tuple[Smoothed, np.ndarray, np.ndarray, np.ndarray]
     """Two scenarios of loss and a budget: the dual, random points y (N, c), what is allowed, and the values of all schedules."""
     random, blocks = np.random.default_rng(seed), random_blocks(4, 2, 2, seed)
     rule = od.EnergyBudget(6.0, {0: 2.0, 1: 1.0})
-    instance = posed(blocks, 2, (rule,), od.MinEigenvalue(), 1, None)
+    instance = build_problem(blocks, 2, (rule,), od.MinEigenvalue(), 1, None)
     found, walks = relaxed_with_all(instance)
     problem = smoothed(instance, walks, found.bound).of_tau(0.3)
     roots = random.standard_normal((6, 2, 2, 2))
-    Z = vectors(roots @ roots.swapaxes(2, 3) + 0.1 * np.eye(2)).reshape(6, -1)
+    Z = svec(roots @ roots.swapaxes(2, 3) + 0.1 * np.eye(2)).reshape(6, -1)
     y = np.concatenate([Z, random.uniform(0.01, 1.0, (6, 1))], axis=1)
     chosen = np.array(list(product((0, 1), repeat=8)), dtype=bool).reshape(-1, 4, 2)
-    values = np.array([instance.value(each) for each in chosen if instance.keeps_limits(each)]) / found.bound
+    values = np.array([instance.value(each) for each in chosen if instance.is_within_limits(each)]) / found.bound
     return problem, y / (y @ problem.e)[:, None], np.repeat(problem.there[None], 6, axis=0), values
 
 

@@ -18,9 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.design.feasibility import is_feasible, node_margins, shortfalls
+from obsdesign.design.feasibility import is_feasible, node_margins, violations
 from obsdesign.design.initial_guesses import start_inputs
-from obsdesign.design.local_solve import Task, climbed, families_of
+from obsdesign.design.local_solve import LocalSolve, families_of, solve_locally
 from obsdesign.design.nlp.information_recursion import gramian_recursion
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.design.weave import Weave, best_weave
@@ -249,7 +249,7 @@ def test_among_paths_at_the_cap_the_design_has_the_largest_volume(plateau: od.De
     problem = plateau.problem
     volumes = []
     for name, u in islice(start_inputs(problem, seed=0), 4):
-        found = climbed(Task(problem, name, u, families_of(problem.path), True))
+        found = solve_locally(LocalSolve(problem, name, u, families_of(problem.path), True))
         if problem.value(found.path) >= plateau.cap.value * (1 - 1e-6):
             volumes.append(od.LogDet().value(od.variational_gramian(problem.system, found.path).total))
     assert volumes
@@ -494,7 +494,7 @@ def test_bounds_and_constraints_may_be_lists():
 
 def test_one_range_beacon_is_refused_before_any_solver_starts(monkeypatch: pytest.MonkeyPatch):
     """Rotation about the beacon stays hidden on every path."""
-    monkeypatch.setattr("obsdesign.design.multistart.climbed", None)
+    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", None)
     problem = problem_with(system=od.System(DUBINS, (od.Range(BEACON, 1.0),)))
     with pytest.raises(
         od.UnobservableError, match=r"see 4 of 5 dimensions; rotation of everything about the beacon at \(6, 4\) m"
@@ -511,7 +511,7 @@ FAR_AWAY = {"constraints": (od.Goal((100.0, 0.0), 1.0),), "duration": 8.0, "path
 
 def test_a_goal_out_of_reach_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch):
     """By geometry, before any solver starts: 99 m at 1 m/s through the air and 0.36 m/s of wind."""
-    monkeypatch.setattr("obsdesign.design.multistart.climbed", None)
+    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", None)
     message = (
         r"trajectory design: infeasible, proven: Goal: within 1 m of \(100, 0\): 99 m away; at 1\.361 m/s .* in 8 s, not before 72\.8 s"
     )
@@ -553,7 +553,7 @@ def test_a_failed_design_leaves_no_number_that_looks_like_an_answer(failed: od.D
 
 def test_a_failed_design_says_what_stood_in_the_way_and_by_how_much(failed: od.Design):
     """No path within bounds comes as near as asked, whichever way it turns; one of wider bounds, or of more time, does."""
-    (short,) = failed.shortfalls
+    (short,) = failed.violations
     assert short.what == "Goal: within 0.5 m of (1, 3)"
     assert (short.time, short.unit) == (8.0, "m")
     problem = failed.problem
@@ -565,7 +565,7 @@ def test_a_failed_design_says_what_stood_in_the_way_and_by_how_much(failed: od.D
     assert "feasible from" in failed.reason
     seconds = float(re.search(r"feasible from ([\d.]+) s", failed.reason)[1])
     assert seconds > 8.0
-    assert od.design_trajectory(problem.lasting(seconds), starts=2).status.has_answer
+    assert od.design_trajectory(problem.with_duration(seconds), starts=2).status.has_answer
 
 
 NO_TURN_RATE = "bounds of turn_rate"
@@ -917,7 +917,7 @@ def test_the_weave_keeps_what_is_between_the_nodes_and_budgets_and_rates():
         budgets=(od.Budget(od.Effort({"turn_rate": 1.0}), 0.3),),
     )
     _, path = best_weave(problem)
-    assert not shortfalls(problem, path)
+    assert not violations(problem, path)
     assert np.abs(np.diff(path.u, axis=0)).max() <= 0.15 * 2.0
     assert float((path.u**2).sum()) * 2.0 <= 0.3
 

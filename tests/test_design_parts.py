@@ -16,19 +16,19 @@ from scipy.linalg import null_space, qr
 from scipy.optimize import root
 
 import obsdesign as od
-from obsdesign.criteria._factor import shadow, shadow_lift
+from obsdesign.criteria._factor import elimination_matrix, schur_complement
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.design.feasibility import fine_margins, node_margins, rows_of
+from obsdesign.design.feasibility import fine_path, initial_rows, node_margins
 from obsdesign.design.initial_guesses import start_inputs
-from obsdesign.design.local_solve import Climbed, Task, climbed
-from obsdesign.design.nlp.evaluation import Multipliers, Values
+from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
+from obsdesign.design.nlp.evaluation import Evaluation, Multipliers
 from obsdesign.design.nlp.program import Program
-from obsdesign.design.sqp.active_set_step import Active, Face, newton
-from obsdesign.design.sqp.conic_qp import Cone, Model, Step, minimised
-from obsdesign.design.sqp.matrix_objective import Judged, Linear, aim_of, value_of
+from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
+from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
+from obsdesign.design.sqp.matrix_objective import CriterionObjective, LinearObjective, evaluate_objective, matrix_objective_of
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.step import blocks_of, step_of
-from obsdesign.information.sample_information import sampled
+from obsdesign.information.sample_information import sampling_mask
 
 BEACON, POSTS = (8.0, 7.0), ((-6.0, 0.0), (-3.0, 5.0), (-3.0, -5.0))
 START, SCALE = (0.0, 0.0, 0.2, 0.3, -0.2), (5.0, 4.0, 0.5, 0.3, 0.4)
@@ -119,7 +119,7 @@ EVERY = pytest.mark.parametrize("problem", CASES.values(), ids=CASES.keys())
 
 def program_of(problem: od.DesignProblem) -> Program:
     """The program with its rows, each asked for a little more than 0."""
-    rows = rows_of(problem)
+    rows = initial_rows(problem)
     return Program(problem, dataclasses.replace(rows, allowance=allowances(rows.node)))
 
 
@@ -158,11 +158,11 @@ def test_a_program_has_the_matrices_of_the_analysis_and_the_margins_of_the_path(
     """One definition, two uses, down to windows, draws, costs and rates of change."""
     p = somewhere(problem, seed=1)
     path, program = flown(problem, p), program_of(problem)
-    values = program.at(p)
+    values = program.evaluate(p)
     expected = by_analysis(problem, path)
     assert values.matrices.shape == expected.shape
     np.testing.assert_allclose(values.matrices, expected, rtol=1e-8, atol=1e-8 * np.abs(expected).max())
-    np.testing.assert_allclose(values.along.z[0, :, : len(problem.x0)], path.x, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(values.rollout.z[0, :, : len(problem.x0)], path.x, rtol=1e-12, atol=1e-12)
     margins = node_margins(problem, path.x, path.u)
     margins = margins - allowances(margins)
     costs = [1 - cost_of(term.cost, problem, path) / term.at_most for term in problem.budgets]
@@ -197,7 +197,7 @@ def changes_of(problem: od.DesignProblem, p: np.ndarray) -> list[float]:
 # ---------------------------------------------------------------- derivatives
 
 
-def multipliers_for(values: Values, seed: int) -> Multipliers:
+def multipliers_for(values: Evaluation, seed: int) -> Multipliers:
     """Random ones, >= 0."""
     random = np.random.default_rng(seed)
 
@@ -221,7 +221,7 @@ def differences(function: Callable[[np.ndarray], np.ndarray], p: np.ndarray, wid
 
 def lagrangian_slope(program: Program, multipliers: Multipliers, p: np.ndarray) -> np.ndarray:
     """Gradient (q,) of price - <Z, matrices> - <Z, floors> - z'rows."""
-    found = program.slopes(program.at(p))
+    found = program.derivatives(program.evaluate(p))
     counted = np.einsum("bij,bqij->q", multipliers.matrices, found.matrices) + np.einsum("fij,fqij->q", multipliers.floors, found.floors)
     return multipliers.price * found.price - counted - multipliers.rows @ found.rows
 
@@ -231,9 +231,9 @@ def lagrangian_slope(program: Program, multipliers: Multipliers, p: np.ndarray) 
 def test_first_derivatives_of_a_program_are_central_differences(problem: od.DesignProblem, seed: int):
     p = somewhere(problem, seed)
     program = program_of(problem)
-    width, found = program.upper - program.lower, program.slopes(program.at(p))
+    width, found = program.upper - program.lower, program.derivatives(program.evaluate(p))
     for name, axis in (("matrices", 1), ("floors", 1), ("rows", 1), ("price", 0)):
-        values = differences(lambda q, name=name: np.asarray(getattr(program.at(q), name)), p, width)
+        values = differences(lambda q, name=name: np.asarray(getattr(program.evaluate(q), name)), p, width)
         expected = np.moveaxis(values, 0, axis)
         assert getattr(found, name).shape == expected.shape
         np.testing.assert_allclose(getattr(found, name), expected, rtol=1e-6, atol=2e-7 * np.abs(expected).max(initial=0.0), err_msg=name)
@@ -244,9 +244,9 @@ def test_first_derivatives_of_a_program_are_central_differences(problem: od.Desi
 def test_second_derivatives_of_a_program_are_differences_of_the_first(problem: od.DesignProblem, seed: int):
     p = somewhere(problem, seed)
     program = program_of(problem)
-    values = program.at(p)
+    values = program.evaluate(p)
     multipliers, width = multipliers_for(values, seed), program.upper - program.lower
-    found = program.curvature(values, program.slopes(values), multipliers) * np.outer(width, width)
+    found = program.lagrangian_hessian(values, program.derivatives(values), multipliers) * np.outer(width, width)
     expected = differences(lambda q: lagrangian_slope(program, multipliers, q), p, width) * np.outer(width, width)
     np.testing.assert_array_equal(found, found.T)
     # differences near a beacon, and of what is left of an unknown input, have few digits
@@ -264,10 +264,10 @@ def test_each_multiplier_counts_its_own_part_of_the_curvature(part: str):
     )
     p = somewhere(problem, 6)
     program = program_of(problem)
-    values = program.at(p)
+    values = program.evaluate(p)
     full = multipliers_for(values, 6)
     only = Multipliers(*(getattr(full, name) * (name == part) for name in ("matrices", "floors", "rows")), full.price * (part == "price"))
-    found = program.curvature(values, program.slopes(values), only)
+    found = program.lagrangian_hessian(values, program.derivatives(values), only)
     expected = differences(lambda q: lagrangian_slope(program, only, q), p, program.upper - program.lower)
     assert np.abs(expected).max() > 0
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
@@ -277,13 +277,13 @@ def test_windows_of_a_floor_begin_every_half_of_their_length_and_the_last_one_en
     problem = turning(floor=od.Floor(2.8, 0.5))  # 7 of 20 steps: 0, 3, 6, 9, 12 and 13
     p = somewhere(problem, 0)
     windows = od.sliding_information(problem.system, flown(problem, p), 7).sum(axis=1) * np.outer(SCALE, SCALE)
-    np.testing.assert_allclose(program_of(problem).at(p).floors, windows[[0, 3, 6, 9, 12, 13]], rtol=1e-9)
+    np.testing.assert_allclose(program_of(problem).evaluate(p).floors, windows[[0, 3, 6, 9, 12, 13]], rtol=1e-9)
 
 
 # ---------------------------------------------------------------- the convex model
 
 
-def random_model(seed: int) -> Model:
+def random_model(seed: int) -> ConicQP:
     """Three cones of t (the second of another where there are two), one with a share of the slack, rows and bounds; hard rows if asked."""
     random = np.random.default_rng(seed)
     q, kinds = 5, seed % 4  # 0: no t; 1: one t; 2: two; 3: one with hard rows
@@ -299,100 +299,100 @@ def random_model(seed: int) -> Model:
     cones += [Cone(symmetric() + hardness * np.eye(3), symmetric(q), np.eye(3), None, share) for share in (1.0, 0.4)]
     factor = random.standard_normal((q, q - 1))
     hard = 2 if kinds == 3 else 0
-    return Model(
+    return ConicQP(
         B=factor @ factor.T + 0.1 * np.eye(q),
         g=3 * random.standard_normal(q),
         weights=random.uniform(0.5, 2.0, T),
         penalty=float(random.choice([0.5, 20.0])),
-        low=-random.uniform(0.1, 0.6, q),
-        high=random.uniform(0.1, 0.6, q),
+        lower=-random.uniform(0.1, 0.6, q),
+        upper=random.uniform(0.1, 0.6, q),
         cones=tuple(cones),
         rows=random.standard_normal(4) + hardness / 3,
-        slopes=random.standard_normal((4, q)),
-        hard=random.standard_normal(hard),
-        hard_slopes=random.standard_normal((hard, q)),
+        jacobian=random.standard_normal((4, q)),
+        epigraph_rows=random.standard_normal(hard),
+        epigraph_jacobian=random.standard_normal((hard, q)),
     )
 
 
-def by_cvxpy(model: Model) -> tuple[np.ndarray, float, float]:
+def by_cvxpy(model: ConicQP) -> tuple[np.ndarray, float, float]:
     """The minimiser d, its slack, and the least value of the same model, written out."""
     d, e = cp.Variable(len(model.g)), cp.Variable(nonneg=True)
     t = cp.Variable(max(1, len(model.weights)))
-    limits: list[Any] = [d >= model.low, d <= model.high, model.rows + model.slopes @ d + e >= 0]
-    if len(model.hard):
-        limits.append(model.hard + model.hard_slopes @ d >= t[0])
+    limits: list[Any] = [d >= model.lower, d <= model.upper, model.rows + model.jacobian @ d + e >= 0]
+    if len(model.epigraph_rows):
+        limits.append(model.epigraph_rows + model.epigraph_jacobian @ d >= t[0])
     for cone in model.cones:
-        matrix = cone.A + sum(d[i] * cone.D[i] for i in range(len(model.g))) + cone.share * e * np.eye(3)
-        limits.append(matrix - (0 if cone.j is None else t[cone.j] * cone.E) >> 0)
+        matrix = cone.A + sum(d[i] * cone.D[i] for i in range(len(model.g))) + cone.slack_factor * e * np.eye(3)
+        limits.append(matrix - (0 if cone.epigraph_index is None else t[cone.epigraph_index] * cone.E) >> 0)
     gain = model.weights @ t[: len(model.weights)] if len(model.weights) else 0.0
     least = cp.Minimize(0.5 * cp.quad_form(d, cp.psd_wrap(model.B)) + model.g @ d - gain + model.penalty * e)
     value = cp.Problem(least, limits).solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10)
     return np.asarray(d.value), float(np.asarray(e.value)), float(np.asarray(value))
 
 
-def moved_by(cone: Cone, step: Step, t: float) -> np.ndarray:
-    return cone.A + np.tensordot(step.d, cone.D, 1) - t * cone.E + cone.share * step.e * np.eye(len(cone.A))
+def moved_by(cone: Cone, step: ConicSolution, t: float) -> np.ndarray:
+    return cone.A + np.tensordot(step.d, cone.D, 1) - t * cone.E + cone.slack_factor * step.slack * np.eye(len(cone.A))
 
 
-def raised(model: Model, step: Step, j: int) -> float:
+def raised(model: ConicQP, step: ConicSolution, j: int) -> float:
     """The largest t_j that cones and hard rows allow at the step."""
     found = []
-    for cone in (each for each in model.cones if each.j == j):
+    for cone in (each for each in model.cones if each.epigraph_index == j):
         kept = np.flatnonzero(np.diag(cone.E))
-        found.append(float(np.linalg.eigvalsh(shadow(moved_by(cone, step, 0.0), kept))[0]))
-    return min([*found, *(model.hard + model.hard_slopes @ step.d if j == 0 else ())])
+        found.append(float(np.linalg.eigvalsh(schur_complement(moved_by(cone, step, 0.0), kept))[0]))
+    return min([*found, *(model.epigraph_rows + model.epigraph_jacobian @ step.d if j == 0 else ())])
 
 
 @pytest.mark.parametrize("seed", range(16))
 def test_a_step_minimises_its_model_and_its_multipliers_prove_it(seed: int):
     model = random_model(seed)
-    step = minimised(model, 1e-10)
+    step = minimise(model, 1e-10)
     d, e, value = by_cvxpy(model)
     np.testing.assert_allclose(step.d, d, atol=1e-4)
-    assert step.e == pytest.approx(e, abs=1e-4)
+    assert step.slack == pytest.approx(e, abs=1e-4)
     t = [raised(model, step, j) for j in range(len(model.weights))]
-    own = 0.5 * step.d @ model.B @ step.d + model.g @ step.d - model.weights @ t + model.penalty * step.e
+    own = 0.5 * step.d @ model.B @ step.d + model.g @ step.d - model.weights @ t + model.penalty * step.slack
     assert own == pytest.approx(value, abs=1e-5)
     # feasible, multipliers >= 0, nothing times something is nothing, and the gradient of the Lagrangian is 0
     close = 2e-5 * model.penalty
-    rows = model.rows + model.slopes @ step.d + step.e
-    hard = model.hard + model.hard_slopes @ step.d - (t[0] if len(model.hard) else 0.0)
-    for margin, price in ((rows, step.rows), (hard, step.hard)):
+    rows = model.rows + model.jacobian @ step.d + step.slack
+    hard = model.epigraph_rows + model.epigraph_jacobian @ step.d - (t[0] if len(model.epigraph_rows) else 0.0)
+    for margin, price in ((rows, step.row_multipliers), (hard, step.epigraph_multipliers)):
         assert margin.min(initial=0.0) > -1e-6
         assert price.min(initial=0.0) >= 0
         assert np.abs(margin * price).max(initial=0.0) < close
     for cone, Z in zip(model.cones, step.Z, strict=True):
-        matrix = moved_by(cone, step, 0.0 if cone.j is None else t[cone.j])
+        matrix = moved_by(cone, step, 0.0 if cone.epigraph_index is None else t[cone.epigraph_index])
         assert np.linalg.eigvalsh(matrix)[0] > -1e-6
         assert np.linalg.eigvalsh(Z)[0] >= -1e-9
         assert abs(np.sum(Z * matrix)) < close
-    slope = model.B @ step.d + model.g - step.rows @ model.slopes - step.hard @ model.hard_slopes
+    slope = model.B @ step.d + model.g - step.row_multipliers @ model.jacobian - step.epigraph_multipliers @ model.epigraph_jacobian
     slope -= sum(np.einsum("ij,qij->q", Z, cone.D) for cone, Z in zip(model.cones, step.Z, strict=True))
-    np.testing.assert_allclose(np.abs(slope), step.bounds, atol=close)
-    pushed = step.bounds > 1e-3
-    np.testing.assert_allclose(step.d[pushed], np.where(slope < 0, model.high, model.low)[pushed], atol=1e-5)
+    np.testing.assert_allclose(np.abs(slope), step.bound_multipliers, atol=close)
+    pushed = step.bound_multipliers > 1e-3
+    np.testing.assert_allclose(step.d[pushed], np.where(slope < 0, model.upper, model.lower)[pushed], atol=1e-5)
     for j, weight in enumerate(model.weights):
-        shares = [np.sum(Z * cone.E) for cone, Z in zip(model.cones, step.Z, strict=True) if cone.j == j]
-        assert sum(shares) + (step.hard.sum() if j == 0 else 0.0) == pytest.approx(weight, rel=1e-4)
-    paid = step.rows.sum() + sum(cone.share * np.trace(Z) for cone, Z in zip(model.cones, step.Z, strict=True))
+        shares = [np.sum(Z * cone.E) for cone, Z in zip(model.cones, step.Z, strict=True) if cone.epigraph_index == j]
+        assert sum(shares) + (step.epigraph_multipliers.sum() if j == 0 else 0.0) == pytest.approx(weight, rel=1e-4)
+    paid = step.row_multipliers.sum() + sum(cone.slack_factor * np.trace(Z) for cone, Z in zip(model.cones, step.Z, strict=True))
     assert paid <= model.penalty * (1 + 1e-5)
-    assert step.e < 1e-5 or paid == pytest.approx(model.penalty, rel=1e-4)
+    assert step.slack < 1e-5 or paid == pytest.approx(model.penalty, rel=1e-4)
 
 
 def test_random_models_have_slack_bounds_and_hard_rows_at_work():
     """The cases above are none of them empty."""
-    steps = [minimised(random_model(seed), 1e-10) for seed in range(16)]
-    assert sum(step.e > 1e-3 for step in steps) >= 3
-    assert sum(step.e < 1e-6 for step in steps) >= 3
-    assert sum((step.bounds > 1e-3).any() for step in steps) >= 3
-    assert sum((step.rows > 1e-3).any() for step in steps) >= 3
-    assert sum((step.hard > 1e-3).any() for step in steps) >= 2
+    steps = [minimise(random_model(seed), 1e-10) for seed in range(16)]
+    assert sum(step.slack > 1e-3 for step in steps) >= 3
+    assert sum(step.slack < 1e-6 for step in steps) >= 3
+    assert sum((step.bound_multipliers > 1e-3).any() for step in steps) >= 3
+    assert sum((step.row_multipliers > 1e-3).any() for step in steps) >= 3
+    assert sum((step.epigraph_multipliers > 1e-3).any() for step in steps) >= 2
 
 
 def test_a_model_without_a_solution_has_no_step():
     model = random_model(1)
-    apart = Model(**{**vars(model), "low": model.high + 1.0})
-    assert minimised(apart, 1e-9) is None
+    apart = ConicQP(**{**vars(model), "lower": model.upper + 1.0})
+    assert minimise(apart, 1e-9) is None
 
 
 # ---------------------------------------------------------------- Newton's step
@@ -409,7 +409,7 @@ def test_newtons_step_solves_the_equations_of_what_is_active(seed: int, T: int):
     H = H + H.T  # of either sign
     hard, hard_slopes = random.standard_normal(2 * T), random.standard_normal((2 * T, q))
     g, given, weights = random.standard_normal(q), random.standard_normal(q), np.ones(T)
-    d = newton(Active(H, g, weights, (), rows, S, hard, hard_slopes, held, given))
+    d = newton_step(KKTSystem(H, g, weights, (), rows, S, hard, hard_slopes, held, given))
     # unknowns (d, t): A y = b leaves y = y_0 + N z
     A = np.vstack([np.hstack([S, np.zeros((2, T))]), np.hstack([hard_slopes, -np.ones((2 * T, T))]), np.eye(q + T)[:q][held]])
     b = np.concatenate([-rows, -hard, given[held]])
@@ -423,10 +423,10 @@ def test_newtons_step_solves_the_equations_of_what_is_active(seed: int, T: int):
 def test_newtons_step_does_not_exist_where_its_equations_contradict_each_other():
     row = np.array([[1.0, 0.0]])
     none = np.zeros((0, 2))
-    active = Active(
+    active = KKTSystem(
         np.eye(2), np.ones(2), np.zeros(0), (), np.array([1.0, 2.0]), np.vstack([row, row]), np.zeros(0), none, row[0] < 0, row[0]
     )
-    assert newton(active) is None
+    assert newton_step(active) is None
 
 
 def cone_with(multiplicity: int, seed: int, q: int = 6, n: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -444,9 +444,9 @@ def curvature_in_newton(A: np.ndarray, D: np.ndarray, Z: np.ndarray, tangent: np
     H, none = 40 * np.eye(q), np.zeros((0, q))
 
     def step(g: np.ndarray) -> np.ndarray:
-        face = Face(A, D, np.eye(len(A)), 0, Z)
+        face = ActiveCone(A, D, np.eye(len(A)), 0, Z)
         held = np.zeros(q, dtype=bool)
-        found = newton(Active(H, g, np.array([np.trace(Z)]), (face,), np.zeros(0), none, np.zeros(0), none, held, np.zeros(q)))
+        found = newton_step(KKTSystem(H, g, np.array([np.trace(Z)]), (face,), np.zeros(0), none, np.zeros(0), none, held, np.zeros(q)))
         assert found is not None
         return tangent.T @ found
 
@@ -513,27 +513,27 @@ def information(n: int, seed: int) -> np.ndarray:
 def test_the_inverse_of_what_is_left_for_some_states_is_their_block_of_the_inverse(kept: list[int]):
     """Their covariance when the others are found as well; also by the lift, whose slope it has."""
     W, kept_states = information(5, 0), np.array(kept)
-    left = shadow(W, kept_states)
+    left = schur_complement(W, kept_states)
     np.testing.assert_allclose(np.linalg.inv(left), np.linalg.inv(W)[np.ix_(kept, kept)], rtol=1e-9)
-    L = shadow_lift(W, kept_states)
+    L = elimination_matrix(W, kept_states)
     np.testing.assert_allclose(L.T @ W @ L, left, rtol=1e-9, atol=1e-9)
     dW = information(5, 1) - information(5, 2)
     eps = 1e-4
-    difference = (shadow(W + eps * dW, kept_states) - shadow(W - eps * dW, kept_states)) / (2 * eps)
+    difference = (schur_complement(W + eps * dW, kept_states) - schur_complement(W - eps * dW, kept_states)) / (2 * eps)
     np.testing.assert_allclose(L.T @ dW @ L, difference, rtol=1e-5, atol=1e-5)
 
 
 def test_what_nothing_is_known_of_takes_nothing_away():
     W = np.zeros((3, 3))
     W[:2, :2] = [[3.0, 1.0], [1.0, 2.0]]
-    np.testing.assert_allclose(shadow(W, np.array([0, 1])), W[:2, :2])
-    np.testing.assert_allclose(shadow(W, np.array([0])), [[3.0 - 1.0 / 2.0]])
+    np.testing.assert_allclose(schur_complement(W, np.array([0, 1])), W[:2, :2])
+    np.testing.assert_allclose(schur_complement(W, np.array([0])), [[3.0 - 1.0 / 2.0]])
 
 
 @pytest.mark.parametrize("units", [1.0, 1e-6, 1e6])
 def test_the_units_of_the_others_change_nothing(units: float):
     W, D = information(4, 3), np.diag([1.0, 1.0, units, 1.0])
-    np.testing.assert_allclose(shadow(D @ W @ D, np.array([0, 1])), shadow(W, np.array([0, 1])), rtol=1e-8)
+    np.testing.assert_allclose(schur_complement(D @ W @ D, np.array([0, 1])), schur_complement(W, np.array([0, 1])), rtol=1e-8)
 
 
 SMOOTH = pytest.mark.parametrize("criterion", [od.LogDet(), od.TraceInverse()], ids=lambda criterion: type(criterion).__name__)
@@ -545,7 +545,7 @@ KEPT = pytest.mark.parametrize("kept", [(0, 1, 2, 3, 4), (0, 2), (3,)], ids=str)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_criterion_of_some_states_has_exact_slopes_and_curvatures(criterion: AbstractCriterion, kept: tuple[int, ...], seed: int):
     """Of several matrices at once, each moving by its own slopes: W(d) = W + sum d_i D_i."""
-    aim = Judged(criterion, np.array(kept), of_worst=True)
+    aim = CriterionObjective(criterion, np.array(kept), worst_case=True)
     matrices = np.array([information(5, seed), information(5, seed + 10)])
     D = np.random.default_rng(seed).standard_normal((2, 3, 5, 5))
     D = D + D.swapaxes(2, 3)
@@ -554,11 +554,13 @@ def test_a_criterion_of_some_states_has_exact_slopes_and_curvatures(criterion: A
         return matrices + np.tensordot(d, D, (0, 1))
 
     def slope(d: np.ndarray) -> np.ndarray:
-        return np.einsum("bij,bqij->bq", aim.slopes(moved(d)), D)
+        return np.einsum("bij,bqij->bq", aim.gradients(moved(d)), D)
 
-    assert aim.each(matrices)[0] == pytest.approx(criterion.value(np.linalg.inv(np.linalg.inv(matrices[0])[np.ix_(kept, kept)])), rel=1e-9)
+    assert aim.values(matrices)[0] == pytest.approx(
+        criterion.value(np.linalg.inv(np.linalg.inv(matrices[0])[np.ix_(kept, kept)])), rel=1e-9
+    )
     nothing, width = np.zeros(3), np.full(3, 0.1)
-    np.testing.assert_allclose(slope(nothing).T, differences(lambda d: aim.each(moved(d)), nothing, width), rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(slope(nothing).T, differences(lambda d: aim.values(moved(d)), nothing, width), rtol=1e-6, atol=1e-8)
     found = aim.curvatures(matrices, D)
     expected = -np.moveaxis(differences(slope, nothing, width), 0, 1)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
@@ -568,20 +570,20 @@ def test_a_criterion_of_some_states_has_exact_slopes_and_curvatures(criterion: A
 @KEPT
 def test_the_smallest_eigenvalue_of_some_states_is_the_edge_of_its_cone(kept: tuple[int, ...]):
     """The largest t with W - t E >= 0, E = 1 on the diagonal of those states."""
-    aim, W = Judged(od.MinEigenvalue(), np.array(kept), of_worst=True), information(5, 7)
-    t, E = value_of(aim, W[None]), aim.edge(5)
+    aim, W = CriterionObjective(od.MinEigenvalue(), np.array(kept), worst_case=True), information(5, 7)
+    t, E = evaluate_objective(aim, W[None]), aim.cone_matrix(5)
     assert aim.is_cone
     assert np.linalg.eigvalsh(W - t * E)[0] == pytest.approx(0.0, abs=1e-9 * np.abs(W).max())
     assert np.linalg.eigvalsh(W - 1.01 * t * E)[0] < -1e-4 * t
-    np.testing.assert_allclose(np.sum(aim.slopes(W[None])[0] * E), 1.0, rtol=1e-9)
-    assert np.sum(aim.slopes(W[None])[0] * W) == pytest.approx(t, rel=1e-9)
+    np.testing.assert_allclose(np.sum(aim.gradients(W[None])[0] * E), 1.0, rtol=1e-9)
+    assert np.sum(aim.gradients(W[None])[0] * W) == pytest.approx(t, rel=1e-9)
 
 
 def test_the_worst_or_the_mean_of_several_matrices_is_judged():
     W = np.array([np.diag([1.0, 4.0]), np.diag([3.0, 2.0])])
-    assert value_of(Judged(od.MinEigenvalue(), np.arange(2), of_worst=True), W) == 1.0
-    assert value_of(Judged(od.MinEigenvalue(), np.arange(2), of_worst=False), W) == 1.5
-    assert value_of(Linear(np.diag([1.0, 0.5])), W) == 3.0
+    assert evaluate_objective(CriterionObjective(od.MinEigenvalue(), np.arange(2), worst_case=True), W) == 1.0
+    assert evaluate_objective(CriterionObjective(od.MinEigenvalue(), np.arange(2), worst_case=False), W) == 1.5
+    assert evaluate_objective(LinearObjective(np.diag([1.0, 0.5])), W) == 3.0
 
 
 # ---------------------------------------------------------------- the climb, against the lifted program
@@ -595,7 +597,7 @@ def lifted(problem: od.DesignProblem) -> tuple[ca.Function, ca.Function]:
     blocks = ca.Function("blocks", [one.x, Phi_now], blocks_of(model, Phi_now))
     following = ca.Function("following", [one.x, one.u, Phi_now], [one.x_next, one.F @ Phi_now])
     p = ca.SX.sym("p", len(problem.path.box(grid)[0]))
-    u, due = ca.SX(problem.path.inputs(p, grid)), sampled(problem.system, problem.steps, problem.step)
+    u, due = ca.SX(problem.path.inputs(p, grid)), sampling_mask(problem.system, problem.steps, problem.step)
     x, Phi, W = ca.SX(problem.x0), ca.SX.eye(n), ca.SX(np.asarray(problem.known))
     for k in range(problem.steps):
         found = blocks.call([x, Phi])
@@ -646,8 +648,8 @@ SMALL: dict[str, od.DesignProblem] = {
 }
 
 
-def climbed_from(problem: od.DesignProblem, u: np.ndarray) -> Climbed:
-    return climbed(Task(problem, "", u, (problem.path,), True))
+def climbed_from(problem: od.DesignProblem, u: np.ndarray) -> LocalSolution:
+    return solve_locally(LocalSolve(problem, "", u, (problem.path,), True))
 
 
 @pytest.mark.parametrize("problem", SMALL.values(), ids=SMALL.keys())
@@ -681,7 +683,7 @@ def test_a_climb_is_at_least_where_it_began_and_its_objective_is_that_of_its_pat
         assert found.objective >= problem.value(flown(problem, p))
         np.testing.assert_array_equal(found.u, found.path.u)
         np.testing.assert_allclose(flown(problem, found.p).u, found.u, rtol=1e-12)
-        assert aim_of(problem).criterion is criterion
+        assert matrix_objective_of(problem).criterion is criterion
 
 
 @pytest.mark.parametrize("problem", [SMALL["gps"], SMALL["two inputs"]], ids=["gps", "two inputs"])
@@ -705,11 +707,11 @@ def test_what_falls_short_between_the_nodes_is_asked_for_more():
     problem = turning(start=start, constraints=limits, step=1.0, path=od.PiecewiseConstant(4), bounds=bounds)
     _, u = next(start_inputs(problem, seed=0))
 
-    def margins(found: Climbed) -> tuple[float, float]:
-        fine = fine_margins(problem, found.path).margins
+    def margins(found: LocalSolution) -> tuple[float, float]:
+        fine = fine_path(problem, found.path).margins
         return float(fine[:, 0].min()), float(fine[-1, 1])
 
-    unchecked, checked = climbed(Task(problem, "", u, (problem.path,), False)), climbed_from(problem, u)
+    unchecked, checked = solve_locally(LocalSolve(problem, "", u, (problem.path,), False)), climbed_from(problem, u)
     assert node_margins(problem, unchecked.path.x, unchecked.u).min() >= -1e-4
     assert margins(unchecked)[0] < -1e-3
     assert min(margins(checked)) >= -1e-6

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 import obsdesign as od
 from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.estimation.validation import CONSISTENT_SHARE, SETTLED, _judged
+from obsdesign.estimation.validation import CONSISTENT_SHARE, SETTLING_SHARE, _assess_consistency
 from obsdesign.planning import closed_loop as flight
 
 # ---------------------------------------------------------------- a linear system and the textbook
@@ -236,7 +236,7 @@ TIMES = np.linspace(10.0, 50.0, 41)
 def judged(average: np.ndarray) -> od.Validation:
     """The verdict on run-averaged NEES (N+1,), the same in every run."""
     nothing = np.ones((len(TIMES), N_STATES))
-    return _judged(TIMES, nothing, nothing, np.tile(average[:, None], N_RUNS), seed=0)
+    return _assess_consistency(TIMES, nothing, nothing, np.tile(average[:, None], N_RUNS), seed=0)
 
 
 @pytest.mark.parametrize(("factor", "verdict"), [(1.0, "consistent"), (3.0, "overconfident"), (0.3, "underconfident")])
@@ -244,14 +244,14 @@ def test_the_verdict_on_errors_that_are_what_the_covariance_says_or_more_or_less
     random = np.random.default_rng(0)
     nees = factor * random.chisquare(N_STATES, (len(TIMES), N_RUNS))
     nothing = np.ones((len(TIMES), N_STATES))
-    check = _judged(TIMES, nothing, nothing, nees, seed=0)
+    check = _assess_consistency(TIMES, nothing, nothing, nees, seed=0)
     assert check.verdict == verdict
     np.testing.assert_allclose(check.nees, nees.mean(axis=1), rtol=1e-12)
 
 
 def test_only_what_comes_after_the_first_quarter_is_judged():
     average = np.full(len(TIMES), float(N_STATES))
-    assert SETTLED == 0.25
+    assert SETTLING_SHARE == 0.25
     average[:10] = 1e6  # one instant per second, forty seconds
     assert judged(average).in_band == 1.0
     average[-1] = 1e6
@@ -447,9 +447,9 @@ def test_the_truth_of_a_flight_moves_as_the_pendulum_does():
     problem = od.DesignProblem(
         system=swinging(), start=(0.0, 0.0), duration=1.0, step=0.2, path=od.PiecewiseConstant(1), bounds=bounds, scale=(1.0, 10.0)
     )
-    world = flight._World(np.array([1.0, 0.0]), np.zeros((5, 2)), np.zeros((2, 5, 1)), np.zeros((5, 1), dtype=bool))
+    world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), np.zeros((2, 5, 1)), np.zeros((5, 1), dtype=bool))
     estimator = ExtendedKalmanFilter(problem.system, problem.step, np.zeros((2, 2)))
-    scene = flight._Scene(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
-    flown = flight._flown(scene, lambda *_: np.zeros(1))
+    scene = flight._Simulation(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
+    flown = flight._simulate_flight(scene, lambda *_: np.zeros(1))
     for found in (flown.truth[-1], flown.mean[-1]):
         np.testing.assert_allclose(found / [1, 10], swung((1.0, 0.0), 1.0) / [1, 10], rtol=0, atol=5e-6)

@@ -15,10 +15,10 @@ from test_missions import FINEST, Flown, chord, distance, missed_at, ring, steep
 
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.feasibility import is_feasible, shortfalls, spent
-from obsdesign.design.feasible_search import sought
+from obsdesign.design.feasibility import is_feasible, total_costs, violations
+from obsdesign.design.feasible_search import search_feasible_path
 from obsdesign.design.infeasibility import why_unreachable
-from obsdesign.design.local_solve import Climbed, Task, climbed
+from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
 
 SHARE = 1e-6  # of a limit's own size by which it may be missed
 Random = np.random.Generator
@@ -214,11 +214,11 @@ def kept(seed: int) -> bool:
     """Whether a path that keeps all limits is found before anything climbs: such a one is returned whatever the climbs do."""
     known = mission(seed)
     assert why_unreachable(known.problem) == ""
-    problem = known.problem.lasting(len(known.u) * known.problem.step)
-    found = sought(problem, 0)
-    if found.keeps_all:
+    problem = known.problem.with_duration(len(known.u) * known.problem.step)
+    found = search_feasible_path(problem, 0)
+    if found.is_feasible:
         require_kept(problem, found.path)
-    return found.keeps_all
+    return found.is_feasible
 
 
 def test_the_control_that_a_mission_is_drawn_round_keeps_its_limits():
@@ -241,10 +241,12 @@ def test_of_a_thousand_missions_that_have_a_path_all_but_five_are_answered():
 
 
 def test_a_path_that_keeps_all_limits_is_returned_where_no_climb_comes_to_an_end(monkeypatch: pytest.MonkeyPatch):
-    def given_up(task: Task) -> Climbed:
-        return dataclasses.replace(climbed(task), status=od.Status.NUMERICAL_ERROR, path=od.simulate(RANGES, [0, 0, 3.0], task.u, 0.5))
+    def given_up(task: LocalSolve) -> LocalSolution:
+        return dataclasses.replace(
+            solve_locally(task), status=od.Status.NUMERICAL_ERROR, path=od.simulate(RANGES, [0, 0, 3.0], task.u, 0.5)
+        )
 
-    monkeypatch.setattr("obsdesign.design.multistart.climbed", given_up)
+    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", given_up)
     problem = asked(constraints=(od.Goal((150.0, 40.0), 5.0),))
     design = od.design_trajectory(problem, starts=1)
     assert design.status is od.Status.GAP_OPEN
@@ -306,7 +308,7 @@ def test_a_budget_of_length_is_kept_by_the_path_itself_however_coarse_the_steps(
     assert length <= budget.at_most * (1 + SHARE)
     left = float(np.hypot(speed[:, 0] * np.cos(path.x[:-1, 2]) + 0.5, speed[:, 0] * np.sin(path.x[:-1, 2]) - 0.4).sum() * 1.5)
     assert abs(left / length - 1) > 1e-4  # so that a left sum would not do
-    np.testing.assert_allclose(spent(problem, path, (budget.cost,)), length, rtol=1e-7)
+    np.testing.assert_allclose(total_costs(problem, path, (budget.cost,)), length, rtol=1e-7)
 
 
 @pytest.mark.parametrize("speed", [1e-3, 1e4])
@@ -326,7 +328,7 @@ def test_a_path_that_changes_too_fast_keeps_not_all_limits(family: Any):
     within = np.asarray(family.inputs(np.linspace(-0.1, 0.1, len(family.box(problem.grid)[0])), problem.grid), dtype=float).reshape(-1, 1)
     abrupt = np.where(np.arange(problem.steps) < 11, -0.1, 0.1)[:, None]
     assert is_feasible(problem, od.simulate(problem.system, problem.x0, within, problem.step))
-    (short,) = shortfalls(problem, od.simulate(problem.system, problem.x0, abrupt, problem.step))
+    (short,) = violations(problem, od.simulate(problem.system, problem.x0, abrupt, problem.step))
     assert (short.what, short.time, short.unit) == ("turn_rate changing by at most 0.05 rad/s/s", 5.5, "rad/s/s")
     assert short.by == pytest.approx(0.2 / 0.5 - 0.05)
 
@@ -350,7 +352,7 @@ def test_what_is_not_proven_says_in_how_many_starts_none_was_found_and_what_woul
     assert shortest / 15 > 20.0
     seconds = float(design.reason.rsplit("feasible from ", 1)[1].split(" s")[0])
     assert shortest / 15 - 0.5 < seconds <= shortest / 15 + 2.0
-    require_kept(problem.lasting(seconds), od.design_trajectory(problem.lasting(seconds), starts=1).trajectory)
+    require_kept(problem.with_duration(seconds), od.design_trajectory(problem.with_duration(seconds), starts=1).trajectory)
 
 
 def test_nothing_is_proven_of_a_heading_that_is_no_angle():

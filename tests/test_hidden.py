@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.analysis.sparse_directions import Hidden
+from obsdesign.analysis.sparse_directions import HiddenSpace
 from obsdesign.signals import Signal
 
 LANDMARKS = 10
@@ -137,14 +137,14 @@ def test_the_basis_spans_the_space_with_as_few_terms_as_it_was_made_of(seed):
         return
     planted *= 10.0 ** generator.integers(-3, 4, n)[:, None]
     null_space = planted @ (generator.integers(-2, 3, (d, d)) + 7 * np.eye(d))
-    found = Hidden(null_space, signals(n), generator.normal(size=n)).basis()
+    found = HiddenSpace(null_space, signals(n), generator.normal(size=n)).spanning_directions()
     widths = np.maximum(np.abs(planted).max(axis=1, keepdims=True), 1e-300)
     vectors = np.array([each.vector for each in found]).T / widths
     vectors /= np.linalg.norm(vectors, axis=0)
     assert vectors.shape == (n, d)
     assert np.linalg.matrix_rank(vectors, tol=1e-9) == d
     assert np.linalg.matrix_rank(np.hstack([vectors, planted / widths]), tol=1e-9) == d
-    assert sum(each.terms for each in found) <= np.count_nonzero(planted)
+    assert sum(each.n_terms for each in found) <= np.count_nonzero(planted)
 
 
 # ---------------------------------------------------------------- sentences are true

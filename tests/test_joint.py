@@ -15,15 +15,15 @@ import pytest
 
 import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.design.feasibility import is_feasible, rows_of
+from obsdesign.design.feasibility import initial_rows, is_feasible
 from obsdesign.design.nlp import information_recursion as recursion
 from obsdesign.design.nlp.evaluation import Multipliers
-from obsdesign.design.nlp.joint_program import Relaxed
+from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.upper_bound import cap_of
-from obsdesign.joint.alternation import Pair, Turns, paired, settled, shaped
-from obsdesign.joint.joint_solver import for_schedule
-from obsdesign.joint.problem import Question
+from obsdesign.joint.alternation import AlternationStart, Pair, alternate, improve_path, make_pair
+from obsdesign.joint.joint_solver import design_for_schedule
+from obsdesign.joint.problem import JointProblem
 from obsdesign.rules.unavailable_outside import UnavailableOutside
 
 BEACONS = ((60.0, 45.0), (-25.0, 50.0))
@@ -83,7 +83,7 @@ def test_weights_of_one_are_no_weights():
     assert np.array_equal(weighed.p, plain.p)
     program = Program(tiny())
     p = (program.lower + 2 * program.upper) / 3
-    assert np.array_equal(program.at(p).matrices, program.at(p, program.due(np.ones((3, 2)))).matrices)
+    assert np.array_equal(program.evaluate(p).matrices, program.evaluate(p, program.due(np.ones((3, 2)))).matrices)
 
 
 def test_a_sensor_without_weight_is_not_there():
@@ -97,7 +97,7 @@ def test_information_of_a_design_is_linear_in_the_weights():
     weights = np.random.default_rng(0).uniform(0, 2, (6, 4))
     path = answer().design.trajectory
     assert path is not None
-    judged = glider(weights=weights).judged(path)
+    judged = glider(weights=weights).information_matrix(path)
     assert np.allclose(judged, np.einsum("ks,ksij->ij", weights, od.variational_gramian(glider().system, path).by_segment(6)), rtol=1e-12)
     assert glider(weights=3 * weights).value(path) == pytest.approx(3 * glider(weights=weights).value(path), rel=1e-9)
 
@@ -111,7 +111,7 @@ def test_a_program_is_what_the_analysis_says_and_other_weights_build_nothing():
         program = Program(problem)
         p = random.uniform(program.lower, program.upper)
         path = od.simulate(problem.system, problem.x0, program.inputs(p), problem.step)
-        assert np.allclose(program.at(p).matrices[0], problem.scaled(problem.judged(path)), rtol=1e-9)
+        assert np.allclose(program.evaluate(p).matrices[0], problem.scaled(problem.information_matrix(path)), rtol=1e-9)
     assert recursion.gramian_recursion.cache_info().misses == built
 
 
@@ -146,22 +146,22 @@ def test_weights_that_do_not_fit_are_refused(other: dict[str, Any], message: str
 
 def test_derivatives_to_path_and_weights_are_those_of_differences():
     problem, random = glider(), np.random.default_rng(2)
-    inner = Program(problem, rows_of(problem))
-    program = Relaxed(inner, 6, 2)
-    v = program.joined(random.uniform(inner.lower, inner.upper), random.uniform(0.1, 0.9, (6, 4)))
+    inner = Program(problem, initial_rows(problem))
+    program = JointProgram(inner, 6, 2)
+    v = program.join(random.uniform(inner.lower, inner.upper), random.uniform(0.1, 0.9, (6, 4)))
     Z = random.standard_normal((5, 5))
-    values = program.at(v)
+    values = program.evaluate(v)
     multipliers = Multipliers((Z @ Z.T)[None], values.floors, random.uniform(0, 1, len(values.rows)), 1.0)
 
     def lagrangian(v: np.ndarray) -> float:
-        there = program.at(v)
+        there = program.evaluate(v)
         return float(-np.sum(multipliers.matrices * there.matrices) - multipliers.rows @ there.rows)
 
     def gradient(v: np.ndarray) -> np.ndarray:
-        slopes = program.slopes(program.at(v))
+        slopes = program.derivatives(program.evaluate(v))
         return -np.einsum("ij,qij->q", multipliers.matrices[0], slopes.matrices[0]) - multipliers.rows @ slopes.rows
 
-    H = program.curvature(values, program.slopes(values), multipliers)
+    H = program.lagrangian_hessian(values, program.derivatives(values), multipliers)
     width = program.upper - program.lower
     for i, e in enumerate(np.diag(1e-6 * width)):
         size = 2e-6 * width[i]
@@ -172,9 +172,9 @@ def test_derivatives_to_path_and_weights_are_those_of_differences():
 
 def test_weights_of_a_segment_are_bounded_in_sum():
     problem, weights = tiny(), np.array([[0.2, 0.3], [1.0, 1.0], [0.0, 1.0]])
-    inner = Program(problem, rows_of(problem))
-    program = Relaxed(inner, 3, 1)
-    values = program.at(program.joined(inner.lower, weights))
+    inner = Program(problem, initial_rows(problem))
+    program = JointProgram(inner, 3, 1)
+    values = program.evaluate(program.join(inner.lower, weights))
     assert values.rows[-3:] == pytest.approx([0.5, -1.0, 0.0])
     assert (program.lower[inner.q :] == 0).all()
     assert (program.upper[inner.q :] == 1).all()
@@ -183,30 +183,30 @@ def test_weights_of_a_segment_are_bounded_in_sum():
 # ---------------------------------------------------------------- in turn
 
 
-def begun(chosen: np.ndarray) -> tuple[Question, Pair]:
+def begun(chosen: np.ndarray) -> tuple[JointProblem, Pair]:
     """A pair of the path designed for all sensors with some schedule."""
-    question = Question(tiny(), 3, 1, (), 0, 20)
+    question = JointProblem(tiny(), 3, 1, (), 0, 20)
     design = od.design_trajectory(tiny(), starts=1)
     assert design.trajectory is not None
-    schedule = dataclasses.replace(question.selected(design.trajectory), chosen=chosen)
-    return question, paired(question, design, design.trajectory, schedule, 0.0)
+    schedule = dataclasses.replace(question.select_schedule(design.trajectory), chosen=chosen)
+    return question, make_pair(question, design, design.trajectory, schedule, 0.0)
 
 
 def test_turns_end_where_neither_half_can_be_improved():
     question, pair = begun(np.tile([True, False], (3, 1)))
-    end = settled(Turns(question, "here", pair))
-    assert end.still
+    end = alternate(AlternationStart(question, "here", pair))
+    assert end.is_stationary
     assert end.values[0] == end.values[1] == 0.0  # one range sees no turn about its beacon, whatever the path
     assert end.values[2] > end.values[1]  # the schedule
     assert end.values[3] > end.values[2]  # the path
-    again = shaped(question, end.pair.path.u, end.pair.schedule.chosen)
+    again = improve_path(question, end.pair.path.u, end.pair.schedule.chosen)
     assert again.value <= end.pair.objective * (1 + 1e-6)
-    assert question.selected(end.pair.path).value <= end.pair.objective * (1 + 1e-9)
+    assert question.select_schedule(end.pair.path).value <= end.pair.objective * (1 + 1e-9)
 
 
 def test_a_design_is_recorded_for_its_schedule():
     question, pair = begun(np.array([[True, False], [False, True], [False, True]]))
-    design = for_schedule(question, pair)
+    design = design_for_schedule(question, pair)
     value = from_scratch(tiny(), pair.path, pair.schedule.chosen)
     assert (design.value, design.objective, design.eigenvalues[0]) == pytest.approx((value,) * 3, rel=1e-9)
     assert np.array_equal(design.problem.weights, pair.schedule.chosen)
@@ -215,7 +215,7 @@ def test_a_design_is_recorded_for_its_schedule():
 def test_only_places_forbid_a_schedule_on_another_path():
     problem = tiny()
     near, far = (od.simulate(problem.system, problem.x0, np.full((30, 1), rate), 2.0) for rate in (0.08, 0.0))
-    asked = Question(problem, 3, 1, (UnavailableOutside("east", (0.0, 0.0), 30.0),), 0, 20)
+    asked = JointProblem(problem, 3, 1, (UnavailableOutside("east", (0.0, 0.0), 30.0),), 0, 20)
     east, west = np.tile([True, False], (3, 1)), np.tile([False, True], (3, 1))
     assert asked.allows(near, east)
     assert not asked.allows(far, east)

@@ -37,7 +37,7 @@ def test_the_model_has_the_covariance_of_one_instant():
     np.testing.assert_allclose(np.array(_numbers(model.instant_covariance)), covariance, rtol=1e-15)
     spread = np.concatenate([np.ravel(_numbers(each.noise.spread)) for each in model.channels])
     np.testing.assert_allclose(spread, np.sqrt([4.0, 2.0, 1.0, 0.01]), rtol=1e-15)
-    drawn = spread[:, None] * model.instant_root  # what the errors are made of, before inflation
+    drawn = spread[:, None] * model.correlation_root  # what the errors are made of, before inflation
     np.testing.assert_allclose(drawn @ drawn.T, covariance / np.outer([2, 1, 1, 1], [2, 1, 1, 1]), atol=1e-15)
 
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.design.feasibility import rows_of
-from obsdesign.design.nlp.joint_program import Relaxed
+from obsdesign.design.feasibility import initial_rows
+from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import Floor
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.design.weave import best_weave
-from obsdesign.joint.problem import Question
+from obsdesign.joint.problem import JointProblem
 
 BEACON = (40.0, 25.0)
 SENSORS = (
@@ -53,32 +53,32 @@ def differences(values: object, p: np.ndarray, eps: float = 1e-5) -> np.ndarray:
 def test_a_program_has_the_exact_value_and_its_derivatives(fields: dict[str, object]):
     asked = problem(**fields)
     program = Program(asked)
-    values = program.at(P)
-    np.testing.assert_allclose(values.matrices[0], asked.scaled(asked.judged(path_of(P))), rtol=1e-8, atol=1e-8)
-    expected = differences(lambda p: asked.scaled(asked.judged(path_of(p))), P)
-    np.testing.assert_allclose(program.slopes(values).matrices[0], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    values = program.evaluate(P)
+    np.testing.assert_allclose(values.matrices[0], asked.scaled(asked.information_matrix(path_of(P))), rtol=1e-8, atol=1e-8)
+    expected = differences(lambda p: asked.scaled(asked.information_matrix(path_of(p))), P)
+    np.testing.assert_allclose(program.derivatives(values).matrices[0], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_floor_is_that_of_windows_which_know_nothing_of_errors_before():
     asked = problem(floor=Floor(2.0, 1e-6))
     program = Program(asked)
-    values = program.at(P)
+    values = program.evaluate(P)
     windows = od.sliding_information(SYSTEM, path_of(P), 8).sum(axis=1)[[0, 4, 8, 12, 16]]
     np.testing.assert_allclose(values.floors, asked.scaled(windows), rtol=1e-8, atol=1e-8)
-    expected = differences(lambda p: program.at(p).floors, P)
-    found = program.slopes(values).floors.swapaxes(0, 1)
+    expected = differences(lambda p: program.evaluate(p).floors, P)
+    found = program.derivatives(values).floors.swapaxes(0, 1)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
 def test_a_relaxed_schedule_weighs_the_amounts_that_the_selection_chooses_from():
     asked = problem()
-    relaxed = Relaxed(Program(asked, rows_of(asked), 4), 4, 2)
-    v = relaxed.joined(P, WEIGHTS)
-    values = relaxed.at(v)
+    relaxed = JointProgram(Program(asked, initial_rows(asked), 4), 4, 2)
+    v = relaxed.join(P, WEIGHTS)
+    values = relaxed.evaluate(v)
     blocks = asked.scaled(od.segment_information(SYSTEM, path_of(P), 4))
     np.testing.assert_allclose(values.matrices[0], np.einsum("ks,ksij->ij", WEIGHTS, blocks), rtol=1e-8, atol=1e-8)
-    expected = differences(lambda v: relaxed.at(v).matrices[0], v)
-    np.testing.assert_allclose(relaxed.slopes(values).matrices[0], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    expected = differences(lambda v: relaxed.evaluate(v).matrices[0], v)
+    np.testing.assert_allclose(relaxed.derivatives(values).matrices[0], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
 
 
 def test_weights_beyond_one_of_errors_that_are_not_independent_are_refused():
@@ -145,7 +145,7 @@ def test_a_designed_path_is_a_local_optimum_of_the_exact_value():
 
 def test_no_schedule_of_a_joint_question_is_worth_less_than_it_is_counted_for():
     asked = problem()
-    question = Question(asked, 3, 2, (), 0, 1)
+    question = JointProblem(asked, 3, 2, (), 0, 1)
     blocks = question.blocks(path_of(P))
     information = od.variational_gramian(SYSTEM, path_of(P))
     rows = [np.array(bits) for bits in product((False, True), repeat=len(SENSORS)) if sum(bits) == 2]

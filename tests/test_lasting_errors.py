@@ -14,7 +14,7 @@ import obsdesign as od
 from obsdesign.design.nlp.program import Program
 from obsdesign.dynamics.simulation import readings, substeps_along
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.estimation.validation import _draws, _Task
+from obsdesign.estimation.validation import _draws, _MonteCarloTask
 from obsdesign.planning import closed_loop as flying
 from obsdesign.sensors.abstract import AbstractSensor
 
@@ -312,7 +312,7 @@ def test_the_program_of_a_design_for_one_sensor_of_two_outputs_has_the_informati
     p = np.array([0.3, -0.2, 0.4, 0.1])
     total = od.variational_gramian(system, od.simulate(system, start, np.repeat(p, 5)[:, None], 0.5, tolerance=1e-11)).total
     assert np.linalg.eigvalsh(total)[0] > 0.1
-    np.testing.assert_allclose(Program(problem).at(p).matrices[0], total, rtol=1e-9, atol=1e-9 * total.max())
+    np.testing.assert_allclose(Program(problem).evaluate(p).matrices[0], total, rtol=1e-9, atol=1e-9 * total.max())
 
 
 # ---------------------------------------------------------------- both against draws
@@ -351,13 +351,15 @@ def test_the_filter_reaches_the_bound_and_knows_how_well_it_does(name: str, sche
 def test_joint_errors_of_the_truth_have_their_covariance_at_each_instant_and_none_between():
     system = NOISY["joint"]
     path = od.simulate(system, np.zeros(5), np.zeros((4, 1)), 0.5)
-    task = _Task(system, path, od.Prior(path.x[0], std=np.ones(5)), np.ones((4, 2), dtype=bool), np.zeros((5, 0)), 1, range(4000), 1)
+    task = _MonteCarloTask(
+        system, path, od.Prior(path.x[0], std=np.ones(5)), np.ones((4, 2), dtype=bool), np.zeros((5, 0)), 1, range(4000), 1
+    )
     flown = od.DesignProblem(system, np.zeros(5), 2.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.1, 0.1)})
     white = np.random.default_rng(2).standard_normal((4002, 3))
     spread = np.sqrt(np.diag(R_JOINT))
     for noise in (
         np.stack([_draws(task, run)[2] for run in task.runs]) * spread,
-        flying._coloured(flown, white, np.ones((4000, 3), dtype=bool))[0].reshape(1000, 4, 3) * spread,
+        flying._colour_noise(flown, white, np.ones((4000, 3), dtype=bool))[0].reshape(1000, 4, 3) * spread,
     ):
         runs, size = len(noise), np.outer(spread, spread)
         for k in range(4):
@@ -374,6 +376,8 @@ def test_the_filter_of_a_flight_knows_how_well_it_does(name: str):
     factor = np.diag(np.sqrt(np.array([0.01, 0.01, 1e-5, 1e-3, 1e-3]) * 0.5))
     estimator, nees = ExtendedKalmanFilter(system, 0.5, factor @ factor.T), np.zeros((runs, steps + 1))
     for seed in range(runs):
-        world = flying._world(problem, prior, None, factor, steps, seed)
-        nees[seed] = flying._flown(flying._Scene(problem, prior, estimator, world), lambda k, *_: np.array([0.3 * (-1) ** k])).nees
+        world = flying._draw_realisation(problem, prior, None, factor, steps, seed)
+        nees[seed] = flying._simulate_flight(
+            flying._Simulation(problem, prior, estimator, world), lambda k, *_: np.array([0.3 * (-1) ** k])
+        ).nees
     np.testing.assert_allclose(nees.mean(axis=0), 5.0, atol=5 * math.sqrt(2 * 5 / runs))

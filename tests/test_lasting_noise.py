@@ -12,7 +12,7 @@ import pytest
 import obsdesign as od
 from obsdesign.information.accumulation import path_information
 from obsdesign.information.correlated_noise import Colour
-from obsdesign.information.correlated_samples import Samples
+from obsdesign.information.correlated_samples import CorrelatedSamples
 
 DIGITS = 200  # bits of the reference
 
@@ -61,16 +61,16 @@ def test_inflation_is_a_factor_of_the_spread_and_nothing_else():
 # ---------------------------------------------------------------- random samples against the whole covariance
 
 
-def stacked(samples: Samples, on: np.ndarray) -> np.ndarray:
+def stacked(samples: CorrelatedSamples, on: np.ndarray) -> np.ndarray:
     """A'R^-1 A of the samples that are on (N, s), R written down entry by entry, in arithmetic of 60 digits.
 
     R = spread spread' corr^|j - j'| in samples of the sensor's clock, plus bias^2, plus (spread^2 + bias^2)(1 - g)/g on its diagonal.
     """
     before, flint.ctx.prec = flint.ctx.prec, DIGITS
     try:
-        colour, number = samples.colour, np.cumsum(samples.due, axis=0)
+        colour, number = samples.colour, np.cumsum(samples.sampling, axis=0)
         joint = {(i, j): C[a][b] for members, C in colour.groups for a, i in enumerate(members) for b, j in enumerate(members)}
-        places = np.argwhere(samples.due & (samples.gate > 0) & on[:, list(colour.owner)])
+        places = np.argwhere(samples.sampling & (samples.gate > 0) & on[:, list(colour.owner)])
         n = samples.rows.shape[2]
         if not len(places):
             return np.zeros((n, n))
@@ -93,7 +93,7 @@ def stacked(samples: Samples, on: np.ndarray) -> np.ndarray:
         flint.ctx.prec = before
 
 
-def random_samples(seed: int) -> tuple[Samples, np.random.Generator]:
+def random_samples(seed: int) -> tuple[CorrelatedSamples, np.random.Generator]:
     """Up to 3 sensors of 1 or 2 outputs: correlation up to 0.999, bias up to 1000 sigma, a group, gates, rates, spreads that change."""
     random = np.random.default_rng(seed)
     S = int(random.integers(1, 4))
@@ -117,7 +117,7 @@ def random_samples(seed: int) -> tuple[Samples, np.random.Generator]:
     gate = random.choice([0.0, 1.0, 0.5, 0.9, 0.01], (N, S))[:, list(owner)] if random.random() < 0.5 else np.ones((N, q))
     periods = random.integers(1, 4, S)
     due = np.stack([np.arange(N) % periods[s] == 0 for s in owner], axis=1)
-    return Samples(colour, random.standard_normal((N, q, n)) * level[..., None], level, gate, due), random
+    return CorrelatedSamples(colour, random.standard_normal((N, q, n)) * level[..., None], level, gate, due), random
 
 
 def check_random(seed: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 from conftest import AEROSONDE, ROOT, obsdesign
 
 import obsdesign as od
-from obsdesign.design.feasibility import shortfalls
+from obsdesign.design.feasibility import violations
 from obsdesign.study.candidate_paths import candidates_of
 from obsdesign.study.problem import problem_of
 from obsdesign.study.runner import analyse
@@ -130,5 +130,5 @@ def test_the_naive_path_follows_the_circle_to_the_goal_and_keeps_every_limit_but
     np.testing.assert_allclose(radius, 20.0, rtol=1e-6)
     assert not candidate.shortfalls
     clear = replace(problem, constraints=(*problem.constraints, od.CircleClearance(2.0, 20.0)))
-    assert [each.what.split(":")[0] for each in shortfalls(clear, candidate.path)] == ["CircleClearance"]
+    assert [each.what.split(":")[0] for each in violations(clear, candidate.path)] == ["CircleClearance"]
     assert np.hypot(*(candidate.path.x[-1, :2] - [0.0, 20.0])) == pytest.approx(0.11, abs=0.01)

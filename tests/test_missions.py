@@ -19,10 +19,10 @@ from scipy.interpolate import BSpline as Spline
 
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.feasibility import is_feasible, shortfalls
+from obsdesign.design.feasibility import is_feasible, violations
 from obsdesign.design.infeasibility import why_hidden, why_unreachable
 from obsdesign.design.initial_guesses import start_inputs
-from obsdesign.design.local_solve import Climbed, Task, climbed, families_of
+from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
 
 STEP, FINER, FINEST = 0.5, 10, 1000  # instants of a step at which missions are drawn, and answers are judged
 BEACON = (4.0, 6.0)
@@ -346,7 +346,7 @@ LIMITS: tuple[Callable[[Flown, Random], AbstractConstraint | None], ...] = (
 )
 
 
-def require_all_kept(problem: od.DesignProblem, found: Climbed) -> None:
+def require_all_kept(problem: od.DesignProblem, found: LocalSolution) -> None:
     """Every limit of an answered mission, by hand; and its value."""
     u, path = found.path.u, flown_with(problem, found.path.u, FINEST)
     np.testing.assert_allclose(found.path.x[:, :2], path.place[::FINEST], atol=1e-3)
@@ -372,10 +372,10 @@ def names_of(problem: od.DesignProblem) -> list[str]:
     return names + ["Floor"] * (problem.floor is not None) + ["rate"] * bool(problem.rates)
 
 
-def first_answer(problem: od.DesignProblem, seed: int) -> Climbed | None:
+def first_answer(problem: od.DesignProblem, seed: int) -> LocalSolution | None:
     """The first of two starts that ends in an answer."""
     for name, u in islice(start_inputs(problem, seed), 2):
-        found = climbed(Task(problem, name, u, families_of(problem.path), True))
+        found = solve_locally(LocalSolve(problem, name, u, families_of(problem.path), True))
         if found.status.has_answer:
             return found
     return None
@@ -431,7 +431,7 @@ def test_a_path_at_random_breaks_the_same_limits_by_hand_and_by_the_library():
         p = np.random.default_rng(seed).uniform(*problem.path.box(problem.grid))
         u = np.asarray(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)
         path = flown_with(problem, u)
-        named = {short.what: short for short in shortfalls(problem, od.simulate(problem.system, problem.x0, u, STEP))}
+        named = {short.what: short for short in violations(problem, od.simulate(problem.system, problem.x0, u, STEP))}
         for limit in problem.constraints:
             share = missed(limit, path)
             if abs(share) > 0.05 or (share > 1e-3 and not isinstance(limit, od.KeepOutPolygon)):  # widened by 0.02 log m of its size
@@ -494,7 +494,7 @@ PROVEN = {
 
 @pytest.mark.parametrize(("problem", "message"), PROVEN.values(), ids=PROVEN.keys())
 def test_what_geometry_forbids_is_said_before_any_solver_starts(problem: od.DesignProblem, message: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("obsdesign.design.multistart.climbed", None)
+    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", None)
     with pytest.raises(od.SolveError, match=re.escape(message)) as caught:
         od.design_trajectory(problem, starts=1)
     assert caught.value.status is od.Status.INFEASIBLE
@@ -594,5 +594,5 @@ def test_what_would_have_to_give_is_named_exactly_where_it_is_known():
     problem = asked(od.Goal((8.0, 0.0), 1.0), system=system, start=(0.0, 0.0, 0.0, -0.5, 0.0))
     design = od.design_trajectory(problem, starts=1, throw=False)
     assert re.fullmatch(r"none found in \d+ starts; Goal: within 1 m of \(8, 0\): missed by 2 m at 10 s; feasible from 14 s", design.reason)
-    (short,) = design.shortfalls
+    (short,) = design.violations
     assert (short.by, short.time, short.unit) == (pytest.approx(2.0, rel=1e-5), 10.0, "m")

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 import obsdesign as od
 import obsdesign.planning.closed_loop as flying
 import obsdesign.planning.planner as planning
-from obsdesign.design.feasibility import is_feasible, shortfalls
+from obsdesign.design.feasibility import is_feasible, violations
 from obsdesign.design.sqp.trust_region_sqp import Solution
 from obsdesign.planning.closed_loop import Flight, fly
 from obsdesign.planning.planner import Plan, Planner
@@ -35,7 +35,7 @@ PROBLEM = od.DesignProblem(
     constraints=(OBSTACLE, AREA),
 )
 STD = (2.0, 2.0, 0.3, 0.3, 0.3)
-REAL_CLIMB = planning.climb
+REAL_CLIMB = planning.solve
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def require_honest(plan: Plan, x: Any, problem: od.DesignProblem = PROBLEM) -> N
 
 
 def same_bytes(a: Plan, b: Plan) -> bool:
-    told = [(p.value, p.status, p.feasible, p.reason, p.age, p.time, p.memory.p.tobytes(), p.memory.by) for p in (a, b)]
+    told = [(p.value, p.status, p.feasible, p.reason, p.age, p.time, p.memory.p.tobytes(), p.memory.shift) for p in (a, b)]
     paths = [(p.trajectory.t.tobytes(), p.trajectory.x.tobytes(), p.trajectory.u.tobytes()) for p in (a, b)]
     return repr(told[0]) == repr(told[1]) and paths[0] == paths[1]
 
@@ -118,7 +118,7 @@ def no_climb(*_: Any, **__: Any) -> Solution:
 def test_after_an_interval_without_noise_the_plan_that_is_kept_is_the_rest_of_the_path(
     planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(planning, "climb", no_climb)
+    monkeypatch.setattr(planning, "solve", no_climb)
     plan, x = first, START
     for k in range(1, 4):
         x = flown(x, plan, 1.0)
@@ -144,7 +144,7 @@ def test_a_climb_begins_with_the_rest_of_the_path_wherever_in_a_piece_the_vehicl
         begun.append(program.inputs(p))
         return replace(REAL_CLIMB(program, aim, p, *rest, **limits), p=p)
 
-    monkeypatch.setattr(planning, "climb", idle_climb)
+    monkeypatch.setattr(planning, "solve", idle_climb)
     plan, x = first, START
     for k, elapsed in enumerate(times):
         x = flown(x, plan, elapsed) if elapsed else x
@@ -161,11 +161,11 @@ def test_multipliers_of_limits_stay_with_their_instants(planner: Planner, first:
         seen.append((program.rows, warm.multipliers))
         return REAL_CLIMB(program, aim, p, warm, *rest, **limits)
 
-    monkeypatch.setattr(planning, "climb", looked_at)
-    rows, before = first.memory.rows, first.memory.warm.multipliers
+    monkeypatch.setattr(planning, "solve", looked_at)
+    rows, before = first.memory.rows, first.memory.warm_start.multipliers
     planner.step(flown(START, first, 1.0), first)
     later, after = seen[0]
-    old = dict(zip(zip(rows.node - 4, rows.margin, rows.after, strict=True), before.rows, strict=False))
+    old = dict(zip(zip(rows.node - 4, rows.margin, rows.delay, strict=True), before.rows, strict=False))
     found = dict(zip(zip(later.node, later.margin, later.after, strict=True), after.rows, strict=False))
     assert max(before.rows) > 0 and len(found) == len(later.node)
     assert all(found[place] == old.get(place, 0.0) for place in found)
@@ -220,7 +220,7 @@ FAILURES: dict[str, Callable[..., Any]] = {
 
 @pytest.mark.parametrize("failure", FAILURES)
 def test_a_climb_that_fails_leaves_the_path_that_was_known(planner: Planner, first: Plan, failure: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(planning, "climb", FAILURES[failure])
+    monkeypatch.setattr(planning, "solve", FAILURES[failure])
     x = flown(START, first, 1.0)
     plan = planner.step(x, first)
     require_honest(plan, x)
@@ -241,13 +241,13 @@ def test_a_better_path_that_breaks_a_limit_is_not_taken(monkeypatch: pytest.Monk
     assert problem.value(swinging) > problem.value(straight) and not is_feasible(problem, swinging) and is_feasible(problem, straight)
     planner = Planner(problem, every=1.0, starts=1)
     known = planner.step(START, deadline=0.0)
-    monkeypatch.setattr(planning, "climb", solution_of(od.Status.LOCALLY_OPTIMAL, lambda _: weave))
+    monkeypatch.setattr(planning, "solve", solution_of(od.Status.LOCALLY_OPTIMAL, lambda _: weave))
     plan = planner.step(START, known, elapsed=0.0)
     assert plan.feasible and plan.age == 1 and not plan.trajectory.u.any()
 
 
 def test_after_a_climb_that_failed_the_next_begins_with_the_path(planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(planning, "climb", solution_of(od.Status.LOCALLY_INFEASIBLE, lambda p: 0 * p))
+    monkeypatch.setattr(planning, "solve", solution_of(od.Status.LOCALLY_INFEASIBLE, lambda p: 0 * p))
     plan = planner.step(flown(START, first, 1.0), first)
     np.testing.assert_allclose(np.repeat(plan.p, 4), rest(first, 4)[:, 0], atol=1e-12)
 
@@ -257,7 +257,7 @@ def test_where_the_held_end_of_a_path_breaks_a_limit_it_ends_otherwise(monkeypat
     wall = od.KeepIn(((-6.0, -7.0), (16.4, -7.0), (16.4, 9.0), (-6.0, 9.0)))
     problem = replace(PROBLEM, constraints=(wall,))
     planner = Planner(problem, every=3.0, starts=1)
-    monkeypatch.setattr(planning, "climb", solution_of(od.Status.ITERATION_LIMIT, lambda p: 0 * p))
+    monkeypatch.setattr(planning, "solve", solution_of(od.Status.ITERATION_LIMIT, lambda p: 0 * p))
     straight = od.simulate(SYSTEM, START, np.zeros((48, 1)), 0.25)
     before = replace(planner.step(START, deadline=0.0), trajectory=straight)
     x = straight.x[12]
@@ -461,7 +461,7 @@ def test_in_a_mission_limits_keep_their_times():
         assert plan.feasible, plan.reason
         path = od.simulate(SYSTEM, x, plan.trajectory.u[:4], 0.25).x
         states, x = [*states, *path[1:]], path[-1]
-        assert len(plan.memory.limits) == (2 if k <= 7 else 1)
+        assert len(plan.memory.constraint_indices) == (2 if k <= 7 else 1)
     away = np.hypot(*(np.array(states)[:, :2] - loiter.centre).T)
     assert away[20:29].max() <= 1.2 * (1 + 1e-5)
 
@@ -626,8 +626,8 @@ def test_where_all_is_linear_errors_are_as_the_filter_says(cart: od.DesignProble
     """At every instant the NEES of 100 flights averages to n = 2, to within what chance allows once in a thousand times."""
     factor = flying.noise_factor(CART_PSD, 2, cart.step)
     estimator = flying.ExtendedKalmanFilter(cart.system, cart.step, factor @ factor.T)
-    worlds = [flying._world(cart, CART_PRIOR, None, factor, 12, seed) for seed in range(100)]
-    flights = [flying._flown(flying._Scene(cart, CART_PRIOR, estimator, world), lambda *_: np.ones(1)) for world in worlds]
+    worlds = [flying._draw_realisation(cart, CART_PRIOR, None, factor, 12, seed) for seed in range(100)]
+    flights = [flying._simulate_flight(flying._Simulation(cart, CART_PRIOR, estimator, world), lambda *_: np.ones(1)) for world in worlds]
     average = np.mean([flight.nees for flight in flights], axis=0)
     low, high = chi2.ppf([5e-4 / 13, 1 - 5e-4 / 13], 200) / 100
     assert np.all((low < average) & (average < high))
@@ -638,7 +638,7 @@ def test_correlated_noise_and_constant_errors_are_those_of_the_sensors():
     problem = replace(PROBLEM, system=od.System(od.Dubins(1.0, wind="constant"), (gps,)), constraints=())
     white, due = np.random.default_rng(0).standard_normal((20002, 2)), np.ones((20000, 2), dtype=bool)
     due[1::2] = False  # a sample every other step
-    error, constant = flying._coloured(problem, white, due)
+    error, constant = flying._colour_noise(problem, white, due)
     sampled = error[::2]
     np.testing.assert_allclose(sampled.std(axis=0), 1.0, atol=0.05)
     np.testing.assert_allclose((sampled[1:] * sampled[:-1]).mean(axis=0), 0.8, atol=0.06)
@@ -681,5 +681,5 @@ def test_shortfalls_of_a_plan_that_breaks_a_limit_are_told_in_words(planner: Pla
     """Boxed in: no path keeps out of a wall that is a metre ahead of a vehicle that turns in 1.25 m."""
     wall = replace(PROBLEM, constraints=(od.KeepOut((3.0, 0.0), 2.2),))
     plan = Planner(wall, every=1.0, starts=1).step(START)
-    short = shortfalls(wall, plan.trajectory)
+    short = violations(wall, plan.trajectory)
     assert not plan.feasible and str(short[0]) in plan.reason

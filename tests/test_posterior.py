@@ -28,10 +28,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.design.local_solve import Task, climbed
+from obsdesign.design.local_solve import LocalSolve, solve_locally
 from obsdesign.design.nlp import rollout as variation
 from obsdesign.design.nlp.evaluation import Multipliers
-from obsdesign.design.nlp.program import Program, _variation_of
+from obsdesign.design.nlp.program import Program, _rollout_functions_of
 from obsdesign.vehicles.abstract import AbstractVehicle
 
 few = settings(deadline=None, max_examples=4, database=None, derandomize=True)
@@ -370,10 +370,10 @@ def judged_again(problem: od.DesignProblem, p: np.ndarray) -> np.ndarray:
 def test_the_program_of_a_design_has_the_posterior_of_the_path_and_its_exact_derivative(problem: od.DesignProblem, seed: int):
     p = np.random.default_rng(seed).uniform(-0.5, 0.5, 4)
     program = Program(problem)
-    values, expected = program.at(p), judged_again(problem, p)
+    values, expected = program.evaluate(p), judged_again(problem, p)
     assert values.matrices.shape == (1, *expected.shape)
     np.testing.assert_allclose(values.matrices[0], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-    slopes = program.slopes(values).matrices[0]
+    slopes = program.derivatives(values).matrices[0]
     eps = 1e-5
     for i, unit in enumerate(np.eye(4)):
         plus, minus = (judged_again(problem, p + side * eps * unit) for side in (1, -1))
@@ -398,7 +398,7 @@ def test_a_design_by_the_posterior_has_the_value_of_the_posterior_of_its_path_an
 @pytest.mark.parametrize("problem", [JUDGED[name] for name in JUDGED if name != "unknown wind"], ids=list(JUDGED)[:-1])
 def test_the_objective_of_the_solver_is_the_criterion_of_the_posterior_where_it_stops(problem: od.DesignProblem):
     u = np.array(problem.path.inputs(np.array([0.4, -0.3, 0.2, 0.1]), problem.grid))
-    found = climbed(Task(problem, "a start", u, (problem.path,), True))
+    found = solve_locally(LocalSolve(problem, "a start", u, (problem.path,), True))
     assert found.status is od.Status.LOCALLY_OPTIMAL
     value = problem.criterion.value(judged_again(problem, found.p))
     assert found.objective == pytest.approx(value, rel=1e-6, abs=1e-6)
@@ -409,13 +409,13 @@ def test_second_derivatives_are_the_same_as_products_of_matrices_and_as_a_graph(
     problem, found = JUDGED[name], []
     for large in (0, 1000):
         monkeypatch.setattr(variation, "_LARGE", large)
-        _variation_of.cache_clear()
+        _rollout_functions_of.cache_clear()
         program = Program(problem)
-        values = program.at(np.array([0.4, -0.3, 0.2, 0.1]))
+        values = program.evaluate(np.array([0.4, -0.3, 0.2, 0.1]))
         Z = np.diag([1.0, 2.0, 0.5, 1.0, 1.0]) + 0.3
         multipliers = Multipliers(Z[None], np.zeros((0, 5, 5)), np.zeros(0), 1.0)
-        found.append(program.curvature(values, program.slopes(values), multipliers))
-    _variation_of.cache_clear()
+        found.append(program.lagrangian_hessian(values, program.derivatives(values), multipliers))
+    _rollout_functions_of.cache_clear()
     np.testing.assert_allclose(found[0], found[1], rtol=1e-9, atol=1e-9 * np.abs(found[1]).max())
 
 

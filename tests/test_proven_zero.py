@@ -16,8 +16,8 @@ import pytest
 import obsdesign as od
 from obsdesign.analysis.equations import equations_of
 from obsdesign.analysis.evaluation_point import random_residues
-from obsdesign.analysis.modular_points import residue_place
-from obsdesign.rank.taylor import Arguments
+from obsdesign.analysis.modular_points import random_modular_point
+from obsdesign.rank.taylor import FlowArguments
 
 
 def column(entries):
@@ -360,12 +360,12 @@ def test_responses_to_inputs_are_the_sensitivities(seed):
     fields = [[ca.sin(generator.choice(entries)) * generator.choice(entries) for _ in range(4)] for _ in range(4)]
     system = affine("abcd", fields[0], [entries[0], ca.exp(entries[1])], [fields[1]], fields[2:], state=x)
     equations = equations_of(system.model)
-    place, orders = residue_place(equations, seed), 7
+    place, orders = random_modular_point(equations, seed), 7
     number = place.arithmetic.number
 
     def inputs(count):
         return [[number(value) for value in random_residues(orders + 1, f"{count} {i}")] for i in range(count)]
 
-    arguments = Arguments([number(value) for value in place.state], inputs(1), inputs(2), [number(value) for value in equations.values])
+    arguments = FlowArguments([number(value) for value in place.state], inputs(1), inputs(2), [number(value) for value in equations.values])
     first, second = (method(place.arithmetic, arguments, orders) for method in (equations.flow.sensitivities, equations.flow.responses))
     assert [each.tolist() for each in first] == [each.tolist() for each in second]

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from obsdesign.errors import InputError
-from obsdesign.rank.balls import BALLS, CONFIRMING, PRECISIONS
+from obsdesign.rank.balls import BALLS, CONFIRMING_BITS, PRECISIONS
 from obsdesign.rank.balls import OPERATIONS as SUPPORTED
-from obsdesign.rank.decimal_reading import read
+from obsdesign.rank.decimal_reading import read_double
 from obsdesign.rank.elimination import rank_at
 from obsdesign.rank.exact_constants import symbolise
 from obsdesign.rank.graph import NotExactError, NoValueError, evaluate, instructions
@@ -22,7 +22,7 @@ X, Y = ca.SX.sym("x"), ca.SX.sym("y")
 
 
 def meant(value):
-    return read(value).meant
+    return read_double(value).intended
 
 
 # code -> (expression of X and Y that uses it, points in its smooth domain)
@@ -204,7 +204,7 @@ def test_rank_equals_exact_rank_in_any_units(entries, row_units, column_units):
     scaled = [[Fraction(10) ** (row_units[i] + column_units[j]) * value for j, value in enumerate(row)] for i, row in enumerate(entries)]
     exact = flint.fmpq_mat([[flint.fmpq(value.numerator, value.denominator) for value in row] for row in scaled]).rank()
     found = rank_of(scaled)
-    assert found.decided
+    assert found.is_decided
     assert found.rank == exact == len(found.rows) == len(found.columns)
     if exact:
         chosen = flint.fmpq_mat([[flint.fmpq(entries[i][j]) for j in found.columns] for i in found.rows])
@@ -233,10 +233,10 @@ def test_a_row_of_the_null_space_is_zero_exactly_where_the_unit_covector_is_in_t
 
 def test_nearly_singular_is_not_singular():
     near = rank_of([[1, 1], [1, 1 + Fraction(1, 10**30)]])
-    assert (near.rank, near.decided) == (2, True)
+    assert (near.rank, near.is_decided) == (2, True)
     assert near.smallest_pivot == pytest.approx(1e-30, rel=1e-3)
     exact = rank_of([[1, 1], [1, 1]])
-    assert (exact.rank, exact.decided) == (1, True)
+    assert (exact.rank, exact.is_decided) == (1, True)
     assert exact.largest_remainder < 1e-70
 
 
@@ -244,7 +244,7 @@ def test_a_row_that_vanishes_by_an_identity_is_not_blown_up():
     zero = ca.cosh(X) ** 2 - ca.sinh(X) ** 2 - 1
     matrix = ca.Function("f", [X, Y], [ca.vertcat(ca.horzcat(X, Y), ca.horzcat(zero, 1e6 * zero))])
     found = rank_at(matrix, [[Fraction(3, 7)], [Fraction(2)]])
-    assert (found.rank, found.decided, found.bits) == (1, True, CONFIRMING)
+    assert (found.rank, found.is_decided, found.bits) == (1, True, CONFIRMING_BITS)
 
 
 def test_pivots_come_from_lower_stages_first():
@@ -257,7 +257,7 @@ def test_precision_is_doubled_until_it_suffices():
     # the argument has 997 bits before the point: at 512 bits the sine is any number in [-1, 1]
     matrix = ca.Function("f", [X, Y], [ca.sin(X)])
     found = rank_at(matrix, [[Fraction(10**300)], [Fraction(0)]])
-    assert (found.rank, found.decided) == (1, True)
+    assert (found.rank, found.is_decided) == (1, True)
     assert found.bits > 997
 
 
@@ -265,14 +265,14 @@ def test_a_fat_ball_around_zero_is_not_zero():
     # (2^120 x + y)^2 without its x^2 and x y: y^2 = 2^-80, at 256 bits lost in a ball of 2^-16
     remainder = (2.0**120 * X + Y) ** 2 - 2.0**240 * X**2 - 2.0**121 * (X * Y)
     found = rank_at(ca.Function("f", [X, Y], [remainder]), [[Fraction(1, 3)], [Fraction(1, 2**40)]])
-    assert (found.rank, found.decided, found.bits) == (1, True, 512)
+    assert (found.rank, found.is_decided, found.bits) == (1, True, 512)
 
 
 def test_undecided_at_the_limit_claims_the_lower_bound_only():
     wild = ca.sin(ca.exp(ca.exp(X)))  # exp(exp(9)) has 11690 bits before the point
     matrix = ca.Function("f", [X, Y], [ca.diag(ca.vertcat(Y, wild))])
     found = rank_at(matrix, [[Fraction(9)], [Fraction(2)]])
-    assert (found.rank, found.decided, found.bits) == (1, False, PRECISIONS[-1])
+    assert (found.rank, found.is_decided, found.bits) == (1, False, PRECISIONS[-1])
 
 
 def test_precision_of_the_process_is_restored():
@@ -289,7 +289,7 @@ def test_precision_of_the_process_is_restored():
 @settings(max_examples=300)
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_the_number_that_was_meant_rounds_to_the_double(value):
-    typed = read(value).typed
+    typed = read_double(value).literal
     assert float(typed) == value if isinstance(typed, Fraction) else float(typed) == pytest.approx(value, rel=1e-15)
 
 
@@ -297,7 +297,7 @@ def test_the_number_that_was_meant_rounds_to_the_double(value):
     ("value", "meant"), [(1 / 3, "1/3"), (0.1, "1/10"), (-0.108, "-27/250"), (6.674e-11, "6.674e-11"), (7.0, "7"), (0.1234567, "0.1234567")]
 )
 def test_decimals_and_fractions_are_read_as_meant(value, meant):
-    assert read(value).typed == read(value).meant == Fraction(meant)
+    assert read_double(value).literal == read_double(value).intended == Fraction(meant)
 
 
 def test_constants_become_symbols_and_the_value_stays():
@@ -346,6 +346,6 @@ def test_null_vectors_that_are_all_but_parallel():
     x = ca.SX.sym("x", 3)
     row = ca.Function("row", [x], [x.T])
     b, c = Fraction(51, 100), Fraction(52, 100)
-    basis = rank_at(row, ([Fraction(999, 1000 * 2**400), b, c],), confirmed=False).null_space
+    basis = rank_at(row, ([Fraction(999, 1000 * 2**400), b, c],), confirm=False).null_space
     assert np.abs(basis.T @ basis - np.eye(2)).max() < 1e-14
     assert np.abs(np.array([0.0, float(b), float(c)]) @ basis).max() < 1e-14

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.rank.decimal_reading import read
+from obsdesign.rank.decimal_reading import read_double
 from obsdesign.rank.exact_constants import symbolise
-from obsdesign.rank.exact_numbers import Irrational, as_ball, as_residue, combination, cosine, of_pi, sine
+from obsdesign.rank.exact_numbers import Irrational, as_ball, as_residue, combination, cosine, pi_times, sine
 from obsdesign.rank.graph import evaluate, instructions
-from obsdesign.rank.residues import RESIDUES
+from obsdesign.rank.residues import MODULAR_ARITHMETIC
 from obsdesign.rank.symbols import PRIME
 from obsdesign.scenario.degrees import in_radians
 
@@ -66,31 +66,31 @@ def test_residues_keep_the_relations_of_roots():
 @settings(max_examples=300, deadline=None)
 @given(st.integers(-2000, 2000), st.integers(1, 6))
 def test_multiples_of_pi_are_read_however_they_were_computed(k, part):
-    meant = of_pi(Fraction(k * part, 12))
+    meant = pi_times(Fraction(k * part, 12))
     for value in (k * part * np.pi / 12, np.deg2rad(15.0 * k * part), math.radians(15 * k * part), k * part * (np.pi / 12)):
-        found = read(value)
-        assert found.typed == meant
+        found = read_double(value)
+        assert found.literal == meant
         assert not found.is_doubtful
 
 
 @settings(max_examples=300)
 @given(st.integers(-72_000, 72_000))
 def test_degrees_of_two_decimals_are_read(hundredths):
-    assert read(math.radians(hundredths / 100)).typed == of_pi(Fraction(hundredths, 18_000))
+    assert read_double(math.radians(hundredths / 100)).literal == pi_times(Fraction(hundredths, 18_000))
 
 
 @pytest.mark.parametrize("degrees", [15, -165, 180, 90.0, 17.5, 359, -720, 0])
 def test_degrees_of_a_scenario_are_multiples_of_pi(degrees):
     data = in_radians({"start": {"heading_deg": degrees}})
-    assert read(data["start"]["heading"]).typed == of_pi(Fraction(degrees) / 180)
+    assert read_double(data["start"]["heading"]).literal == pi_times(Fraction(degrees) / 180)
 
 
 @settings(max_examples=300)
 @given(st.integers(1, 10**12), st.integers(0, 20))
 def test_a_decimal_of_twelve_digits_stands_for_itself(digits, places):
     value = Fraction(digits, 10**places)
-    found = read(float(value))
-    assert found.typed == value
+    found = read_double(float(value))
+    assert found.literal == value
     assert not found.is_doubtful
 
 
@@ -102,8 +102,8 @@ def test_a_product_of_decimals_in_doubles_may_mean_the_exact_product(numbers, di
         product, exact = product * (number / 100), exact * Fraction(number, 100)
     product, exact = product / divisor, exact / divisor
     if exact.numerator * exact.denominator < 2**36:
-        found = read(product)
-        assert exact in (found.typed, found.meant)
+        found = read_double(product)
+        assert exact in (found.literal, found.intended)
 
 
 @pytest.mark.parametrize(
@@ -120,21 +120,21 @@ def test_a_product_of_decimals_in_doubles_may_mean_the_exact_product(numbers, di
     ],
 )
 def test_a_rounded_number_is_doubtful(value, meant):
-    found = read(value)
-    assert found.meant == meant
-    assert found.typed == Fraction(repr(value))
+    found = read_double(value)
+    assert found.intended == meant
+    assert found.literal == Fraction(repr(value))
     assert found.is_doubtful
 
 
 @pytest.mark.parametrize("value", [6.674e-11, 1e-300, 1.6e-19, 123456.78901234567, 5e-324, 1.7e308])
 def test_what_nobody_rounds_stands_for_itself(value):
-    assert read(value).typed == read(value).meant == Fraction(repr(value))
+    assert read_double(value).literal == read_double(value).intended == Fraction(repr(value))
 
 
 def test_random_numbers_are_hardly_ever_doubtful():
     values = np.random.default_rng(0).uniform(-10, 10, 2000)
-    assert sum(read(value).is_doubtful for value in values) < 100  # 5 %: and only then a second reading is looked at
-    assert not any(isinstance(read(value).typed, Irrational) for value in values)
+    assert sum(read_double(value).is_doubtful for value in values) < 100  # 5 %: and only then a second reading is looked at
+    assert not any(isinstance(read_double(value).literal, Irrational) for value in values)
 
 
 # ---------------------------------------------------------------- sine and cosine in expressions
@@ -156,7 +156,7 @@ TURNED = {
 def test_angles_are_taken_apart_without_changing_the_function(form, twelfths):
     x, a = ca.SX.sym("x"), twelfths * np.pi / 12
     expression = TURNED[form](x, a)
-    found = symbolise(x, expression, lambda value: read(value).meant)
+    found = symbolise(x, expression, lambda value: read_double(value).intended)
     again = ca.Function("f", [x, found.constants], [found.expression])
     values = [float(value) for value in found.values]
     for at in (0.3, -1.7):
@@ -166,12 +166,15 @@ def test_angles_are_taken_apart_without_changing_the_function(form, twelfths):
 def test_what_is_zero_at_multiples_of_pi_is_nothing_else():
     x = ca.SX.sym("x")
     found = symbolise(
-        x, ca.vertcat(ca.cos(x), ca.sin(2 * x), ca.sin(x) - 1, ca.sin(x - np.pi / 2)), lambda value: read(value).meant, [Fraction(1, 2)]
+        x,
+        ca.vertcat(ca.cos(x), ca.sin(2 * x), ca.sin(x) - 1, ca.sin(x - np.pi / 2)),
+        lambda value: read_double(value).intended,
+        [Fraction(1, 2)],
     )
     residues = evaluate(
         instructions(ca.Function("f", [x, found.constants], [found.expression])),
         [[as_residue(Fraction(0))], [as_residue(value) for value in found.values]],
-        RESIDUES,
+        MODULAR_ARITHMETIC,
     )
     assert [int(value) % PRIME for value in residues] == [0, 0, 0, 0]
 

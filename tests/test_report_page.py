@@ -17,7 +17,7 @@ import pytest
 import obsdesign as od
 import obsdesign.constraints
 from obsdesign.constraints.goal import Goal
-from obsdesign.design.feasibility import Shortfall
+from obsdesign.design.feasibility import Violation
 from obsdesign.design.initial_guesses import shortest_inputs
 from obsdesign.design.record import Evidence, Optimum, Start
 from obsdesign.families import kinds, leaf
@@ -30,11 +30,11 @@ from obsdesign.report.figures._map import shapes
 from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import path_figure
 from obsdesign.report.html import page_of
-from obsdesign.report.names import shortfall_in_words
-from obsdesign.report.number_format import MINUS, NARROW, percent, plain, polished, rounded
+from obsdesign.report.names import violation_in_words
+from obsdesign.report.number_format import MINUS, NARROW, numeral, percent, plain, typeset
 from obsdesign.report.sections.design import design_in_words
-from obsdesign.report.sections.flight import broken, errors_table, final_errors, in_flight, least_margin, plans_table
-from obsdesign.report.sections.schedule import losses_table, schedules_table, where_table
+from obsdesign.report.sections.flight import errors_table, final_errors, flight_answer, flight_violations, plans_table, smallest_margin
+from obsdesign.report.sections.schedule import losses_table, schedules_table, usage_table
 from obsdesign.report.tables import (
     Table,
     checks_table,
@@ -42,11 +42,11 @@ from obsdesign.report.tables import (
     starts_table,
     subsets_table,
 )
-from obsdesign.report.to_document import result_of
-from obsdesign.report.wording import reasons
+from obsdesign.report.to_document import document_of
+from obsdesign.report.wording import consistency_notes
 from obsdesign.scenario.loading import load_scenario
 from obsdesign.status import Status
-from obsdesign.study.record import Study, every_step
+from obsdesign.study.record import Study, schedule_at_steps
 from obsdesign.study.runner import run
 
 AEROSONDE = Path(__file__).parent.parent / "scenarios" / "aerosonde_wind.toml"
@@ -190,7 +190,7 @@ def all_tables(study: Study) -> list[Table]:
         paths_table(study),
         *starts,
         schedules_table(study),
-        where_table(study),
+        usage_table(study),
         losses_table(study),
         checks_table(study),
         *flown,
@@ -293,7 +293,7 @@ def test_hidden_states_are_called_hidden_and_their_eigenvalue_is_zero(aerosonde)
     assert cells["λmin"] == "0"
     assert [name for name, text in cells.items() if text == "hidden"] == ["heading", "wind_x", "wind_y"]
     assert cells["meets the limits"].startswith("no: misses the goal by")
-    assert facts.hidden_under(aerosonde, facts.baseline(aerosonde)) == ("heading", "wind_x", "wind_y")
+    assert facts.hidden_states(aerosonde, facts.baseline(aerosonde)) == ("heading", "wind_x", "wind_y")
 
 
 def test_shares_of_the_segments_add_up_to_the_smallest_eigenvalue(study):
@@ -314,7 +314,7 @@ def test_ellipses_agree_with_the_bound_of_the_validation(study):
 
 def test_numbers_of_the_page_are_those_of_the_study(pages, aerosonde):
     page, schedule = pages["aerosonde"], aerosonde.selection.schedule
-    for text in (rounded(aerosonde.designs[0].value), rounded(schedule.value), rounded(schedule.bound), percent(schedule.gap)):
+    for text in (numeral(aerosonde.designs[0].value), numeral(schedule.value), numeral(schedule.bound), percent(schedule.gap)):
         assert escape(text) in page
     assert aerosonde.scenario.digest in page
     assert f"--seed {aerosonde.seed}" in page
@@ -338,7 +338,7 @@ def test_an_overconfident_filter_is_explained(aerosonde):
         replace(check, validation=replace(check.validation, verdict="overconfident")) if check.path == "straight" else check
         for check in aerosonde.checks
     )
-    found = reasons(replace(aerosonde, checks=checks))
+    found = consistency_notes(replace(aerosonde, checks=checks))
     why = "overconfident, because these sensors do not see a combination of heading, wind_x and wind_y on this path"
     assert sum(why in reason for reason in found) >= 1
 
@@ -357,12 +357,12 @@ def test_an_overconfident_filter_is_explained(aerosonde):
     ],
 )
 def test_three_significant_digits(value, text):
-    assert rounded(value) == text
+    assert numeral(value) == text
 
 
 @pytest.mark.parametrize("value", [3.14159e5, 1.0, 27.182, 6.02e-3, 0.09996, 99.96])
 def test_rounding_keeps_the_value_to_half_a_unit_of_its_third_digit(value):
-    shown = float(rounded(value).replace(NARROW, ""))
+    shown = float(numeral(value).replace(NARROW, ""))
     assert abs(shown - value) <= 0.5 * 10 ** (np.floor(np.log10(value)) - 2) * (1 + 1e-9)
 
 
@@ -371,7 +371,7 @@ def test_percentages_and_chosen_values():
     assert percent(1e-9) == f"<{NARROW}0.001{NARROW}%"
     assert plain(1300.0) == f"1{NARROW}300"
     assert plain(0.25) == "0.25"
-    assert polished("pivot 5.0e-01, -0.3 m of x, 256-bit") == f"pivot 0.500, {MINUS}0.3 m of x, 256-bit"
+    assert typeset("pivot 5.0e-01, -0.3 m of x, 256-bit") == f"pivot 0.500, {MINUS}0.3 m of x, 256-bit"
 
 
 # ---------------------------------------------------------------- segments, paths, limits
@@ -399,7 +399,7 @@ def test_every_kind_of_constraint_has_a_place_on_the_map_or_none_and_words_for_b
     for kind, (constraint, count) in EVERY_SHAPE.items():
         assert leaf(obsdesign.constraints, kind) is type(constraint)
         assert len(shapes([constraint], LANDMARKS)) == count, kind
-        words = shortfall_in_words(Shortfall(str(constraint), 1.0, 2.5, "m", -1.0))
+        words = violation_in_words(Violation(str(constraint), 1.0, 2.5, "m", -1.0))
         assert words.endswith(f"by 2.50{NARROW}m")
         assert "exceeds" not in words
 
@@ -422,17 +422,17 @@ def test_the_shapes_on_the_map_are_where_the_margins_are_zero():
 @pytest.mark.parametrize(
     ("short", "text"),
     [
-        (Shortfall("Goal: within 3 m of (0, 0)", 1.0, 3.2, "m", -1.0), f"misses the goal by 3.20{NARROW}m"),
+        (Violation("Goal: within 3 m of (0, 0)", 1.0, 3.2, "m", -1.0), f"misses the goal by 3.20{NARROW}m"),
         (
-            Shortfall("turn_rate within -0.1 to 0.1 rad/s", 1.0, np.pi / 180, "rad/s", -1.0),
+            Violation("turn_rate within -0.1 to 0.1 rad/s", 1.0, np.pi / 180, "rad/s", -1.0),
             f"leaves the bounds of turn rate by 1.00{NARROW}deg/s",
         ),
-        (Shortfall("path length at most 30 m", 1.0, 12.0, "m", -1.0), f"exceeds the budget of path length by 12.0{NARROW}m"),
-        (Shortfall("effort (2 turn_rate^2) at most 3", 1.0, 0.5, "", -1.0), "exceeds the budget of effort (2 turn_rate^2) by 0.500"),
+        (Violation("path length at most 30 m", 1.0, 12.0, "m", -1.0), f"exceeds the budget of path length by 12.0{NARROW}m"),
+        (Violation("effort (2 turn_rate^2) at most 3", 1.0, 0.5, "", -1.0), "exceeds the budget of effort (2 turn_rate^2) by 0.500"),
     ],
 )
 def test_what_a_path_breaks_is_told_in_words_and_units(short, text):
-    assert shortfall_in_words(short) == text
+    assert violation_in_words(short) == text
 
 
 def test_how_far_the_straight_path_misses_the_goal_is_its_distance_from_the_disc(aerosonde):
@@ -442,7 +442,7 @@ def test_how_far_the_straight_path_misses_the_goal_is_its_distance_from_the_disc
     assert missed > 0
     assert straight.shortfalls[0].by == pytest.approx(missed, rel=1e-6)
     assert not straight.feasible
-    assert f"misses the goal by {rounded(missed)}{NARROW}m" in page_of(aerosonde)
+    assert f"misses the goal by {numeral(missed)}{NARROW}m" in page_of(aerosonde)
 
 
 def test_the_shortest_way_ends_where_it_is_nearest_to_the_goal(aerosonde):
@@ -467,10 +467,10 @@ def test_segments_cover_a_path_of_any_length_the_last_being_shorter(robot):
 
 def test_a_schedule_holds_within_its_segments(robot):
     chosen, nodes = np.array([[1, 0, 1], [0, 1, 1], [1, 1, 0]], dtype=bool), np.array([0, 4, 8, 10])
-    steps = every_step(chosen, nodes)
+    steps = schedule_at_steps(chosen, nodes)
     assert [steps[k].tolist() for k in (0, 3, 4, 7, 8, 9)] == [chosen[k].tolist() for k in (0, 0, 1, 1, 2, 2)]
     assert len(steps) == 10
-    on = facts.sensors_on(robot, robot.selection.schedule.chosen)
+    on = facts.on_times(robot, robot.selection.schedule.chosen)
     assert sum(on.values()) == pytest.approx(2 * robot.main.duration)
 
 
@@ -498,10 +498,10 @@ def test_clearances_are_those_of_the_circle_by_differences_along_the_path(robot)
 def test_prices_draws_and_durations_are_told(robot):
     text, design = design_in_words(robot, 0), robot.designs[0]
     assert "Of durations from 10 to 11" in text
-    assert f"The objective {rounded(design.objective)} is the draws' value less" in text
+    assert f"The objective {numeral(design.objective)} is the draws' value less" in text
     assert f"judged by the worst of 2 draws of the prior. Over 1{NARROW}000 fresh draws" in text
-    assert rounded(design.robustness.worst) in text
-    assert rounded(design.robustness.five_percent) in text
+    assert numeral(design.robustness.worst) in text
+    assert numeral(design.robustness.five_percent) in text
 
 
 def test_optima_and_evidence_are_told(aerosonde):
@@ -526,12 +526,12 @@ def test_a_flight_that_misses_the_goal_by_three_metres_says_so(rover):
         truth = flight.truth.copy()
         truth[-1, :2] = goal.point[0], goal.point[1] + goal.tolerance + beyond
         missed = replace(flight, truth=truth)
-        (short,) = broken(rover, missed)
+        (short,) = flight_violations(rover, missed)
         assert short.by == pytest.approx(beyond, rel=1e-5)
-        assert least_margin(rover, missed) == pytest.approx(-beyond / goal.tolerance, rel=1e-5)
-        said = in_flight(rover, missed, rover.scenario.flight)
+        assert smallest_margin(rover, missed) == pytest.approx(-beyond / goal.tolerance, rel=1e-5)
+        said = flight_answer(rover, missed, rover.scenario.flight)
         assert said.startswith(words)
-        assert f"misses the goal by {rounded(beyond)}{NARROW}m" in said
+        assert f"misses the goal by {numeral(beyond)}{NARROW}m" in said
 
 
 def test_a_point_to_pass_is_met_if_the_flight_passes_it_once_in_its_time(rover):
@@ -541,7 +541,7 @@ def test_a_point_to_pass_is_met_if_the_flight_passes_it_once_in_its_time(rover):
 
     def passing(via):
         design = rover.scenario.design.model_copy(update={"constraints": (via,)})
-        return broken(replace(rover, scenario=rover.scenario.model_copy(update={"design": design})), flown)
+        return flight_violations(replace(rover, scenario=rover.scenario.model_copy(update={"design": design})), flown)
 
     assert passing(od.Via((5.0, 0.0), 0.5)) == ()
     assert passing(od.Via((5.0, 0.0), 0.5, first=4.0, last=6.0)) == ()
@@ -553,12 +553,12 @@ def test_a_flight_that_ends_at_the_goal_arrives(rover):
     truth = rover.flight.truth.copy()
     truth[-1, :2] = rover.scenario.design.constraints[0].point
     arrived = replace(rover.flight, truth=truth)
-    assert broken(rover, arrived) == ()
-    assert least_margin(rover, arrived) == pytest.approx(1, abs=2e-3)
-    assert in_flight(rover, arrived, rover.scenario.flight).startswith("Yes: with a new plan every 2")
+    assert flight_violations(rover, arrived) == ()
+    assert smallest_margin(rover, arrived) == pytest.approx(1, abs=2e-3)
+    assert flight_answer(rover, arrived, rover.scenario.flight).startswith("Yes: with a new plan every 2")
     receding = rover.scenario.flight.model_copy(update={"horizon": "receding"})
     elsewhere = replace(rover, scenario=rover.scenario.model_copy(update={"flight": receding}))
-    assert least_margin(elsewhere, rover.flight) == np.inf  # the goal is that of each plan, not of the flight
+    assert smallest_margin(elsewhere, rover.flight) == np.inf  # the goal is that of each plan, not of the flight
 
 
 def test_errors_at_the_end_of_a_flight_know_no_whole_turns(rover):
@@ -567,7 +567,7 @@ def test_errors_at_the_end_of_a_flight_know_no_whole_turns(rover):
 
 
 def test_the_document_has_the_flight_and_its_timings_apart(rover, aerosonde):
-    document, flight = result_of(rover), rover.flight
+    document, flight = document_of(rover), rover.flight
     assert document.flight.t == flight.t.tolist()
     assert document.flight.flown.truth["heading"] == flight.truth[:, 2].tolist()
     assert document.flight.flown.u["speed"] == flight.u[:, 0].tolist()
@@ -575,12 +575,12 @@ def test_the_document_has_the_flight_and_its_timings_apart(rover, aerosonde):
     assert len(document.flight.plans) == len(flight.statuses) == 6
     assert document.flight.feasible_plans == sum(flight.feasible)
     assert {"fly", "first plan", "plan, median", "plan, longest"} <= set(document.timings)
-    assert result_of(aerosonde).flight is None
+    assert document_of(aerosonde).flight is None
 
 
 @pytest.mark.parametrize("name", SVGS)
 def test_the_document_satisfies_its_schema(name, request):
-    document = result_of(request.getfixturevalue(name)).model_dump(mode="json")
+    document = document_of(request.getfixturevalue(name)).model_dump(mode="json")
     jsonschema.Draft202012Validator(Result.model_json_schema()).validate(document)
     assert document["schema_version"] == "1.4"
     study = request.getfixturevalue(name)

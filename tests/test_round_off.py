@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.criteria._factor import shadow
+from obsdesign.criteria._factor import schur_complement
 from obsdesign.round_off import hidden_directions, smallest_eigenvalue, standard_deviations
 
 
@@ -61,7 +61,7 @@ def test_what_is_left_beside_the_other_states_is_judged_by_what_it_was_taken_fro
     # one row (1, 1): with the second state free nothing is left of the first, however 1 - 1 is rounded
     row = np.array([[0.1 + 0.2, 0.7]])
     W = row.T @ row / 0.3
-    assert shadow(W, np.array([0])) == 0.0
+    assert schur_complement(W, np.array([0])) == 0.0
 
 
 def test_information_a_hair_above_round_off_is_kept():
@@ -116,9 +116,9 @@ def test_heading_is_hidden_on_every_leg_towards_a_beacon():
         if turn is not None and turn % 6 == 0:
             wanted[0 if turn % 12 == 0 else 1] = 1 / np.sqrt(steps)
         assert found.std == pytest.approx(wanted, rel=1e-9), (heading, distance, steps)
-        assert found.sight.hidden.shape == (3, 2)
+        assert found.visibility.hidden.shape == (3, 2)
         along = np.array([np.cos(heading), np.sin(heading)])
-        assert np.linalg.norm(along @ found.sight.seen[:2]) == pytest.approx(1 / np.sqrt(steps), rel=1e-6)
+        assert np.linalg.norm(along @ found.visibility.visible[:2]) == pytest.approx(1 / np.sqrt(steps), rel=1e-6)
 
 
 def _exact_deviations(rows: list[list[flint.arb]]) -> np.ndarray:
@@ -210,7 +210,7 @@ def test_contributions_and_principal_directions_leave_round_off_out():
     assert said.weakest_value == 0.0
     assert said.weakest[0] == 0.0  # exactly: no term of 1e-17
     assert np.isnan(said.weakest_shares).all()
-    values, vectors = found.sight.principal(np.array([50.0, 50.0, 0.3]))
+    values, vectors = found.visibility.principal_axes(np.array([50.0, 50.0, 0.3]))
     assert values[:2].tolist() == [0.0, 0.0]
     assert values[2] == pytest.approx(20 * 50**2)
     assert vectors[0, :2].tolist() == [0.0, 0.0]

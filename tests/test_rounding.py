@@ -10,9 +10,9 @@ from flint import arb, arb_mat
 
 import obsdesign as od
 from obsdesign.analysis.equations import equations_of
-from obsdesign.analysis.evaluation_point import random_places
+from obsdesign.analysis.evaluation_point import random_points
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.modular_points import residue_place
+from obsdesign.analysis.modular_points import random_modular_point
 from obsdesign.rank.pivoting import complement_of, holds_rank
 from obsdesign.rank.symbols import PRIME
 
@@ -209,10 +209,10 @@ def test_derivatives_along_directions_are_those_of_the_jacobian(seed):
         outputs={"y": x[0], "z": ca.exp(x[1])},
     )
     equations = equations_of(system.model)
-    experiments = Experiments(equations, next(random_places(3, seed)), 4, 2, seed)
+    experiments = Experiments(equations, next(random_points(3, seed)), 4, 2, seed)
     generator = np.random.default_rng(seed)
-    directions = arb_mat([[arb(int(entry)) for entry in row] for row in generator.integers(-3, 4, (experiments.width, 2))])
-    assert (experiments.along(directions) - arb_mat(experiments.rows()) * directions).contains(arb_mat(len(experiments.labels), 2))
+    directions = arb_mat([[arb(int(entry)) for entry in row] for row in generator.integers(-3, 4, (experiments.n_columns, 2))])
+    assert (experiments.along(directions) - arb_mat(experiments.rows()) * directions).contains(arb_mat(len(experiments.row_labels), 2))
 
 
 def test_roots_exist_together_where_each_has_entries_of_its_own():
@@ -221,9 +221,9 @@ def test_roots_exist_together_where_each_has_entries_of_its_own():
     lengths = [ca.norm_2(x[:2] - x[2 + 2 * i : 4 + 2 * i]) for i in range(15)]
     equations = equations_of(od.ControlAffineSystem(x, tuple(f"x{i}" for i in range(32)), outputs=dict(enumerate_names(lengths))).model)
     for seed in range(5):
-        place = residue_place(equations, seed)
+        place = random_modular_point(equations, seed)
         assert place.symbols is not None
-        assert not place.symbols.free
+        assert not place.symbols.has_free_roots
         for i in range(15):
             square = sum((place.state[k] - place.state[2 + 2 * i + k]) ** 2 for k in (0, 1)) % PRIME
             assert pow(square, (PRIME - 1) // 2, PRIME) == 1

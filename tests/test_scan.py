@@ -20,21 +20,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.dynamics import native_code as machine
+from obsdesign.dynamics import native_code as native
 from obsdesign.dynamics import scan as loop
 from obsdesign.dynamics.scan import Scan
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 
 few = settings(deadline=None, max_examples=15, database=None, derandomize=True)
 MODES = pytest.mark.parametrize("mode", ["0", "1"], ids=["virtual machine", "machine code"])
-NEEDS_COMPILER = pytest.mark.skipif(not machine.compiler().path, reason="no C compiler on this machine")
+NEEDS_COMPILER = pytest.mark.skipif(not native.compiler().path, reason="no C compiler on this machine")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The user's cache folder stays as it is."""
     folder = tmp_path_factory.mktemp("compiled")
-    with mock.patch.object(machine, "folder", lambda: folder):
+    with mock.patch.object(native, "cache_folder", lambda: folder):
         yield
 
 
@@ -42,7 +42,7 @@ def kept_apart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 def kept_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache folder."""
     folder = tmp_path / "cache" / "compiled"
-    monkeypatch.setattr(machine, "folder", lambda: folder)
+    monkeypatch.setattr(native, "cache_folder", lambda: folder)
     return folder
 
 
@@ -72,7 +72,7 @@ class Law:
             if len(C) > 1:
                 result[1:] = ca.sin(_sum(C, D, carry, rows))[1:]
             results.append(result)
-        with mock.patch.dict(os.environ, {machine.SWITCH: mode}):
+        with mock.patch.dict(os.environ, {native.ENVIRONMENT_VARIABLE: mode}):
             return Scan(carry, rows, ca.tanh(_sum(self.A, self.B, carry, rows)), results)
 
 
@@ -133,9 +133,9 @@ def backend_of(mode: str, ran: bool = True) -> str:
 
 def compile_after(steps: int, monkeypatch: pytest.MonkeyPatch, load: int) -> None:
     """A function is compiled after so many steps, and looked for in the cache folder after `load`."""
-    monkeypatch.setattr(loop, "_LOAD", load)
-    monkeypatch.setattr(loop, "_WORTH", steps)
-    monkeypatch.setattr(loop, "_WORTH_EACH", 0)
+    monkeypatch.setattr(loop, "_STEPS_BEFORE_LOAD", load)
+    monkeypatch.setattr(loop, "_STEPS_BEFORE_COMPILE", steps)
+    monkeypatch.setattr(loop, "_OPERATIONS_BEFORE_COMPILE", 0)
 
 
 KIND = st.tuples(st.sampled_from(["held", "shared", "own"]), st.sampled_from([0, 1, 3]))
@@ -180,7 +180,7 @@ def test_a_long_run_is_cut_into_stretches_without_a_trace(mode: str, steps: int)
 @pytest.mark.parametrize("entries", [100, 1 << 18], ids=lambda count: f"stretches of {count} numbers")
 def test_a_scan_that_has_run_many_lengths_is_a_plain_loop_for_the_next(mode: str, entries: int, monkeypatch: pytest.MonkeyPatch):
     """More lengths than are kept exactly, and results too wide for long stretches."""
-    monkeypatch.setattr(loop, "_ENTRIES", entries)
+    monkeypatch.setattr(loop, "_MAX_ENTRIES", entries)
     scan = LAW.scan(mode)
     for steps in (*range(1, 12), 40, 3, 77, 10):
         assert_is_the_loop(
@@ -194,8 +194,10 @@ def test_a_scan_that_has_run_many_lengths_is_a_plain_loop_for_the_next(mode: str
 def test_a_result_spread_over_more_entries_repeats_them(mode: str, index: list[int], monkeypatch: pytest.MonkeyPatch):
     x, u = ca.SX.sym("x", 2), ca.SX.sym("u", 2)
     column, following = ca.vertcat(ca.sin(x[0]) * u, 0), 0.5 * ca.cos(x + u)
-    with mock.patch.dict(os.environ, {machine.SWITCH: mode}):
-        spread, plain = (Scan(x, [u], following, [x - u, result]) for result in (loop.Spread(column, np.array(index, dtype=int)), column))
+    with mock.patch.dict(os.environ, {native.ENVIRONMENT_VARIABLE: mode}):
+        spread, plain = (
+            Scan(x, [u], following, [x - u, result]) for result in (loop.ExpandedColumn(column, np.array(index, dtype=int)), column)
+        )
     start, u_rows = np.ones((3, 2)), random_rows(2, ["own"], [2], 3, 37)
     found, expected = spread.run(start, u_rows, 37), plain.run(start, u_rows, 37)
     assert spread.widths == (2, len(index))
@@ -288,7 +290,7 @@ def same_bits(one: np.ndarray, other: np.ndarray) -> bool:
 def test_every_operation_gives_the_same_bits_in_machine_code(length: str, monkeypatch: pytest.MonkeyPatch):
     """Also where products and sums could be fused, sine and cosine taken at once, and compilers told to do less."""
     if length == "long":
-        monkeypatch.setattr(machine, "LONG", 1)
+        monkeypatch.setattr(native, "LONG_SOURCE", 1)
     x, y = ca.SX.sym("x", 2), ca.SX.sym("y", 2)
     a, b, c, d = x[0], x[1], y[0], y[1]
     results = ca.vertcat(
@@ -300,7 +302,7 @@ def test_every_operation_gives_the_same_bits_in_machine_code(length: str, monkey
     carry_next = ca.vertcat(ca.sin(3 * a + b * c) + 0.4 * d, ca.cos(a * b - d) * ca.sqrt(1 + c * c))
     found = []
     for mode in ("0", "1"):
-        with mock.patch.dict(os.environ, {machine.SWITCH: mode}):
+        with mock.patch.dict(os.environ, {native.ENVIRONMENT_VARIABLE: mode}):
             scan = Scan(x, [y], carry_next, [results])
         found.append(scan.run(np.array([[0.3, -0.7]]), [np.random.default_rng(0).standard_normal((3_000, 2))], 3_000))
         assert scan.backend == backend_of(mode)
@@ -385,7 +387,7 @@ def test_everything_about_a_ready_made_system_has_the_same_bits_in_machine_code(
     monkeypatch.setattr(Scan, "__init__", recorded)
     found, used = [], []
     for mode, mark in (("0", " of this"), ("1", " of that")):
-        monkeypatch.setenv(machine.SWITCH, mode)
+        monkeypatch.setenv(native.ENVIRONMENT_VARIABLE, mode)
         made.clear()
         found.append(everything(od.System(VEHICLES[name], sensors(mark))))
         used.append({scan.backend for scan in made})
@@ -447,22 +449,22 @@ def test_zero_switches_compiling_off_and_one_compiles_at_once(kept_in: Path, mon
 
 @pytest.mark.parametrize(("value", "expected"), [("0", "never"), ("1", "at once"), ("", "when worth it"), ("yes", "when worth it")])
 def test_the_environment_says_when_to_compile(value: str, expected: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv(machine.SWITCH, value)
-    assert machine.wish() == expected
+    monkeypatch.setenv(native.ENVIRONMENT_VARIABLE, value)
+    assert native.compile_policy() == expected
 
 
 @NEEDS_COMPILER
 def test_a_scan_keeps_to_what_the_environment_said_when_it_was_built(monkeypatch: pytest.MonkeyPatch):
     scans = {mode: LAW.scan(mode) for mode in ("0", "1")}
     for mode, other in (("0", "1"), ("1", "0")):
-        monkeypatch.setenv(machine.SWITCH, other)
+        monkeypatch.setenv(native.ENVIRONMENT_VARIABLE, other)
         assert_right(scans[mode])
         assert scans[mode].backend == backend_of(mode)
 
 
 def test_a_function_too_long_for_a_compiler_stays_in_the_virtual_machine(monkeypatch: pytest.MonkeyPatch, kept_in: Path):
     scan = LAW.scan("1")
-    monkeypatch.setattr(machine, "LONGEST", scan.instructions - 1)
+    monkeypatch.setattr(native, "MAX_OPERATIONS", scan.instructions - 1)
     assert_right(scan)
     assert scan.backend == (
         f"CasADi's virtual machine ({scan.instructions} operations are too many for a compiler (at most {scan.instructions - 1}))"
@@ -475,8 +477,8 @@ def test_a_function_too_long_for_a_compiler_stays_in_the_virtual_machine(monkeyp
 ANSWER = "int answer_scan(void) { return %d; }\n"
 
 
-def answered(number: int, operations: int = 1) -> machine.Compiled:
-    found = machine.load(ANSWER % number, "answer_scan", operations)
+def answered(number: int, operations: int = 1) -> native.NativeFunction:
+    found = native.load(ANSWER % number, "answer_scan", operations)
     assert found is not None
     return found
 
@@ -487,47 +489,47 @@ def kept_files(folder: Path) -> set[str]:
 
 @NEEDS_COMPILER
 def test_a_file_is_kept_for_each_source_set_of_flags_processor_and_compiler(kept_in: Path, monkeypatch: pytest.MonkeyPatch):
-    tool = machine.compiler()
+    tool = native.compiler()
     assert answered(1).entry is not None
     first = kept_files(kept_in)
     assert answered(1).reason == ""
     assert kept_files(kept_in) == first
     changes: list[tuple[str, object]] = [
-        ("FLAGS", (*machine.FLAGS, "-g0")),
+        ("FLAGS", (*native.FLAGS, "-g0")),
         ("processor", lambda: "another processor"),
-        ("compiler", lambda: machine.Compiler(tool.path, f"{tool.version} and a bit")),
+        ("compiler", lambda: native.Compiler(tool.path, f"{tool.version} and a bit")),
     ]
     assert answered(2).entry is not None
     assert len(kept_files(kept_in)) == 2
     for count, (what, value) in enumerate(changes, start=3):
         with monkeypatch.context() as changed:
-            changed.setattr(machine, what, value)
+            changed.setattr(native, what, value)
             assert answered(1).entry is not None
             assert len(kept_files(kept_in)) == count
             assert answered(1).entry is not None
             assert len(kept_files(kept_in)) == count
     link = kept_in.parent / "compiler by another name"
     link.symlink_to(tool.path)
-    monkeypatch.setattr(machine, "compiler", lambda: machine.Compiler(str(link), tool.version))
+    monkeypatch.setattr(native, "compiler", lambda: native.Compiler(str(link), tool.version))
     assert answered(1).entry is not None
     assert len(kept_files(kept_in)) == 6
-    assert answered(1, operations=machine.LONG).entry is not None  # less optimised
+    assert answered(1, operations=native.LONG_SOURCE).entry is not None  # less optimised
     assert len(kept_files(kept_in)) == 7
 
 
 @NEEDS_COMPILER
 def test_what_is_only_asked_for_is_not_compiled(kept_in: Path):
-    assert machine.load(ANSWER % 5, "answer_scan", 1, only_kept=True) is None
+    assert native.load(ANSWER % 5, "answer_scan", 1, only_cached=True) is None
     assert not kept_in.exists()
     assert answered(5).entry is not None
-    kept = machine.load(ANSWER % 5, "answer_scan", 1, only_kept=True)
+    kept = native.load(ANSWER % 5, "answer_scan", 1, only_cached=True)
     assert kept is not None
     assert kept.entry is not None
 
 
 @NEEDS_COMPILER
 def test_the_longest_unused_files_go_first(kept_in: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(machine, "_KEPT", 3)
+    monkeypatch.setattr(native, "_MAX_FILES", 3)
     names = []
     for number in range(3):
         before = kept_files(kept_in) if kept_in.exists() else set()
@@ -558,11 +560,11 @@ def test_a_spoiled_file_is_thrown_away_and_made_anew(kept_in: Path, content: byt
     rows, start = random_rows(1, ["shared"], [1], 1, 9), np.ones((1, 3))
     expected = by_hand(law, start, rows, 9)[0]
     healthy = law.scan("1")
-    with mock.patch.object(machine.ctypes, "CDLL", side_effect=OSError("not now")):
+    with mock.patch.object(native.ctypes, "CDLL", side_effect=OSError("not now")):
         healthy.run(start, rows, 9)
     assert healthy.backend == "CasADi's virtual machine (compiling failed: not now)"
     assert not kept_files(kept_in)
-    with mock.patch.object(machine, "_loaded", side_effect=OSError("not yet")):  # made, but never opened
+    with mock.patch.object(native, "_open_library", side_effect=OSError("not yet")):  # made, but never opened
         law.scan("1").run(start, rows, 9)
     (name,) = kept_files(kept_in)
     (kept_in / name).unlink()
@@ -581,14 +583,14 @@ def test_a_spoiled_file_is_thrown_away_and_made_anew(kept_in: Path, content: byt
 def test_a_file_without_the_function_is_thrown_away(kept_in: Path):
     answered(1)
     (file,) = kept_in.iterdir()
-    other = machine.load(ANSWER.replace("answer", "other") % 2, "other_scan", 1)
+    other = native.load(ANSWER.replace("answer", "other") % 2, "other_scan", 1)
     assert other is not None
     (kept,) = set(kept_in.iterdir()) - {file}
     key = kept.name
     kept.unlink()
     shutil.copy(file, kept_in / "elsewhere")
     (kept_in / "elsewhere").replace(kept_in / key)
-    found = machine.load(ANSWER.replace("answer", "other") % 2, "other_scan_that_is_missing", 1)
+    found = native.load(ANSWER.replace("answer", "other") % 2, "other_scan_that_is_missing", 1)
     assert found is not None
     assert found.entry is None
     assert not (kept_in / key).exists()
@@ -618,7 +620,7 @@ print(scan.backend, run.carry.tobytes().hex(), run.results[0].tobytes().hex())
 @NEEDS_COMPILER
 def test_two_processes_that_compile_the_same_function_at_once_leave_one_file_that_was_never_seen_half_made(tmp_path: Path):
     folder, go, ready = tmp_path / "compiled", tmp_path / "go", [tmp_path / "first", tmp_path / "second"]
-    environment = os.environ | {machine.SWITCH: "1"}
+    environment = os.environ | {native.ENVIRONMENT_VARIABLE: "1"}
     processes = [
         subprocess.Popen([sys.executable, "-c", AT_ONCE, folder, go, me], env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
         for me in ready
@@ -645,10 +647,10 @@ def test_two_processes_that_compile_the_same_function_at_once_leave_one_file_tha
 @pytest.fixture
 def other_compiler(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     """The compiler is looked for anew, before and after."""
-    machine.compiler.cache_clear()
+    native.compiler.cache_clear()
     yield monkeypatch
     monkeypatch.undo()
-    machine.compiler.cache_clear()
+    native.compiler.cache_clear()
 
 
 def script(folder: Path, *lines: str) -> str:
@@ -666,7 +668,7 @@ def assert_falls_back(reason: str) -> None:
     assert scan.backend.startswith("CasADi's virtual machine (")
     assert same_bits(ran(scan), ran(LAW.scan("0")))
     system = od.System(od.Unicycle(), (od.GPS(1.0, name=f"gps {reason}"),))  # a name of its own: not compiled before
-    with mock.patch.dict(os.environ, {machine.SWITCH: "1"}):
+    with mock.patch.dict(os.environ, {native.ENVIRONMENT_VARIABLE: "1"}):
         path = od.simulate(system, (0.0, 0.0, 0.0), np.tile([2.0, 0.0], (5, 1)), 0.5)
     np.testing.assert_allclose(path.x[-1], [5.0, 0.0, 0.0], atol=1e-14)
 
@@ -705,7 +707,7 @@ def test_a_compiler_that_fails_is_no_harm(
     other_compiler: pytest.MonkeyPatch, kept_in: Path, tmp_path: Path, lines: tuple[str, ...], reason: str
 ):
     other_compiler.setenv("CC", script(tmp_path, *lines))
-    other_compiler.setattr(machine, "_TIMEOUT", 0.3 if "sleep" in lines[-1] else 20.0)
+    other_compiler.setattr(native, "_TIMEOUT", 0.3 if "sleep" in lines[-1] else 20.0)
     assert_falls_back(reason)
     assert not kept_files(kept_in)
 
@@ -714,7 +716,7 @@ def test_a_compiler_that_fails_is_no_harm(
 def test_a_cache_folder_that_cannot_be_made_is_no_harm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A file stands where the folder should be."""
     (tmp_path / "file").write_text("in the way")
-    monkeypatch.setattr(machine, "folder", lambda: tmp_path / "file" / "compiled")
+    monkeypatch.setattr(native, "cache_folder", lambda: tmp_path / "file" / "compiled")
     assert_falls_back("compiling failed: ")
 
 
@@ -722,7 +724,7 @@ def test_a_cache_folder_that_cannot_be_made_is_no_harm(tmp_path: Path, monkeypat
 def test_a_cache_folder_whose_files_must_not_be_run_is_no_harm(kept_in: Path, monkeypatch: pytest.MonkeyPatch):
     """As the loader has it on a disk that is mounted so."""
     refused = OSError("failed to map segment from shared object")
-    monkeypatch.setattr(machine.ctypes, "CDLL", mock.Mock(side_effect=refused))
+    monkeypatch.setattr(native.ctypes, "CDLL", mock.Mock(side_effect=refused))
     assert_falls_back("compiling failed: failed to map segment from shared object")
     assert not kept_files(kept_in)
 

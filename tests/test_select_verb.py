@@ -19,12 +19,12 @@ from obsdesign.exchange.trajectory_csv import read_trajectory_csv, trajectory_cs
 from obsdesign.families import kinds
 from obsdesign.report.document import Result
 from obsdesign.report.html import page_of
-from obsdesign.report.number_format import rounded
-from obsdesign.report.sections.schedule import decided, losses_table, rule_in_words, where_table
-from obsdesign.report.sections.whereabouts import where_in_words, whereabouts
-from obsdesign.report.to_document import result_of
+from obsdesign.report.number_format import numeral
+from obsdesign.report.sections.schedule import count_proven_decisions, losses_table, rule_in_words, usage_table
+from obsdesign.report.sections.whereabouts import segment_traits, usage_in_words
+from obsdesign.report.to_document import document_of
 from obsdesign.study.runner import run, select_along
-from obsdesign.study.schedules import broken, segments_of
+from obsdesign.study.schedules import rule_violations, segments_of
 
 FLOAT = """
 title = "Float <in> a current"
@@ -272,11 +272,11 @@ def test_the_schedules_under_rules_are_the_best_that_keep_them(ruled):
     for each in ruled.each:
         blocks, segments = ruled.problem.scaled(each.main.blocks), segments_of(ruled.scenario, each.main.path, each.main.nodes)
         schedule = each.selection.schedule
-        assert broken(rules, segments, schedule.chosen) == ()
+        assert rule_violations(rules, segments, schedule.chosen) == ()
         random = np.random.default_rng(0)
         for _ in range(1500):
             chosen = random.random((6, 4)) < 0.3
-            if chosen.sum(axis=1).max() <= 2 and not broken(rules, segments, chosen):
+            if chosen.sum(axis=1).max() <= 2 and not rule_violations(rules, segments, chosen):
                 value = np.linalg.eigvalsh(np.einsum("ks,ksij->ij", chosen, blocks))[0]
                 assert value <= schedule.bound * (1 + 1e-9)
 
@@ -301,16 +301,16 @@ def test_rules_that_a_schedule_breaks_are_named(ruled):
         return chosen
 
     budget, exclusive, between, outside = ruled.scenario.selection.rules
-    assert broken((budget, exclusive, between, outside), segments, nothing) == ()
-    assert broken((budget,), segments, on((0, 0), (1, 0), (2, 0), (3, 0))) == ()  # 4 * 2 + 1 = 9
-    assert broken((budget,), segments, on((0, 0), (2, 0), (4, 0))) == ()  # 3 * (2 + 1) = 9
-    assert broken((budget,), segments, on((0, 0), (2, 0), (4, 0), (5, 1))) == (str(budget),)
-    assert broken((exclusive,), segments, on((3, 1), (3, 2))) == (str(exclusive),)
-    assert broken((between,), segments, on((1, 0))) == (str(between),)
-    assert broken((between,), segments, on((0, 0), (2, 0))) == ()
+    assert rule_violations((budget, exclusive, between, outside), segments, nothing) == ()
+    assert rule_violations((budget,), segments, on((0, 0), (1, 0), (2, 0), (3, 0))) == ()  # 4 * 2 + 1 = 9
+    assert rule_violations((budget,), segments, on((0, 0), (2, 0), (4, 0))) == ()  # 3 * (2 + 1) = 9
+    assert rule_violations((budget,), segments, on((0, 0), (2, 0), (4, 0), (5, 1))) == (str(budget),)
+    assert rule_violations((exclusive,), segments, on((3, 1), (3, 2))) == (str(exclusive),)
+    assert rule_violations((between,), segments, on((1, 0))) == (str(between),)
+    assert rule_violations((between,), segments, on((0, 0), (2, 0))) == ()
     dwell = od.MinimumDwell(2, ("gps",))
-    assert broken((dwell,), segments, on((2, 0))) == (str(dwell),)
-    assert broken((dwell,), segments, on((2, 0), (3, 0), (5, 0))) == ()  # to the end of the path
+    assert rule_violations((dwell,), segments, on((2, 0))) == (str(dwell),)
+    assert rule_violations((dwell,), segments, on((2, 0), (3, 0), (5, 0))) == ()  # to the end of the path
 
 
 def test_losses_are_ordered_and_gps_alone_sees_less_than_five_dimensions_on_a_line(plain):
@@ -374,7 +374,7 @@ def test_the_page_of_given_paths_has_no_design_and_a_part_for_each_path(name, pa
     assert "Float &lt;in&gt; a current" in page
     ids = re.findall(r'\sid="([^"]+)"', page)
     assert len(ids) == len(set(ids))
-    assert all(rounded(each.selection.schedule.value) in words for each in study.each)
+    assert all(numeral(each.selection.schedule.value) in words for each in study.each)
 
 
 def test_the_page_of_the_verb_has_the_schedule_alone(verb):
@@ -420,20 +420,20 @@ def test_every_kind_of_rule_has_words():
 
 def test_turns_are_where_the_path_turns(plain):
     bent, line = plain.each
-    found = whereabouts(bent)
-    assert found.turning.tolist() == [True] * 3 + [False] * 3
-    assert not whereabouts(line).turning.any()
+    found = segment_traits(bent)
+    assert found.is_turning.tolist() == [True] * 3 + [False] * 3
+    assert not segment_traits(line).is_turning.any()
     assert found.has_beacon == (False, False, True, False)
-    assert found.share(np.array([1, 1, 0, 0, 0, 1], dtype=bool), found.turning) == pytest.approx(2 / 3)
+    assert found.share(np.array([1, 1, 0, 0, 0, 1], dtype=bool), found.is_turning) == pytest.approx(2 / 3)
     assert all(
-        name in where_in_words(bent)
+        name in usage_in_words(bent)
         for name, on in zip(plain.scenario.sensor_names, bent.selection.schedule.chosen.T, strict=True)
         if on.any()
     )
 
 
 def test_the_table_of_where_adds_up_to_the_path(plain):
-    table = where_table(plain)
+    table = usage_table(plain)
     column = table.head.index("on [s]")
     *sensors, path = [float(row[column].text) for row in table.rows]
     assert sum(sensors) == pytest.approx(path) == 30
@@ -452,7 +452,7 @@ def test_decisions_that_are_proven_are_the_same_in_every_better_schedule(plain):
         schedule, blocks = each.selection.schedule, plain.problem.scaled(each.main.blocks)
         cost = np.where(schedule.chosen, schedule.forced_off, schedule.forced_on)
         sure = cost > schedule.root_bound - schedule.value
-        assert decided(each) == (int(sure.sum()), 24)
+        assert count_proven_decisions(each) == (int(sure.sum()), 24)
         every = np.array(schedules(6, 4, 1))
         otherwise = every[(every != schedule.chosen)[:, sure].any(axis=1)].astype(float)
         values = np.linalg.eigvalsh(np.einsum("pks,ksij->pij", otherwise, blocks))[:, 0]
@@ -462,7 +462,7 @@ def test_decisions_that_are_proven_are_the_same_in_every_better_schedule(plain):
 @pytest.mark.parametrize("name", ["plain", "ruled"])
 def test_the_document_of_given_paths_satisfies_its_schema(name, request):
     study = request.getfixturevalue(name)
-    document = result_of(study).model_dump(mode="json")
+    document = document_of(study).model_dump(mode="json")
     jsonschema.Draft202012Validator(Result.model_json_schema()).validate(document)
     assert document["designs"] == {}
     paths = ["bent", "line"] if name == "plain" else ["bent"]

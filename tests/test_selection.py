@@ -16,11 +16,11 @@ from test_rules import CRITERIA, Problem, best, bounded_by_its_dual, certified, 
 
 import obsdesign as od
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.baselines import always, at_random, round_robin
-from obsdesign.selection.build import posed
-from obsdesign.selection.integer.reduced_problem import Walks, walks_of
-from obsdesign.selection.relaxation.column_generation import relaxed
-from obsdesign.selection.schedule import information_of, schedule_value, upper_bound
+from obsdesign.selection.baselines import random_schedule, round_robin, single_sensor
+from obsdesign.selection.build import build_problem
+from obsdesign.selection.integer.reduced_problem import ReducedProblem, reduce_problem
+from obsdesign.selection.relaxation.column_generation import solve_relaxation
+from obsdesign.selection.schedule import schedule_information, schedule_value, upper_bound
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 seeds = st.integers(0, 10**6)
@@ -123,7 +123,7 @@ def test_every_z_bounds_every_schedule(name: str, per_segment: int, seed: int):
     # and it is attained in the direction of Z
     gains = np.einsum("ksij,ij->ks", blocks, Z)
     chosen = gains >= np.sort(gains, axis=1)[:, -per_segment][:, None]
-    assert np.sum(information_of(blocks, chosen) * Z) == pytest.approx(bound, rel=1e-12)
+    assert np.sum(schedule_information(blocks, chosen) * Z) == pytest.approx(bound, rel=1e-12)
     assert schedule_value(blocks, chosen) <= bound
 
 
@@ -183,7 +183,7 @@ def test_the_gap_closes_where_the_relaxation_is_integer():
     blocks = random_blocks(6, 1, 3, 3)
     schedule = od.select_sensors(np.concatenate([blocks, 0.5 * blocks], axis=1), gap=1e-6)
     assert schedule.status is od.Status.OPTIMAL
-    np.testing.assert_array_equal(schedule.chosen, always(6, 2, 0))
+    np.testing.assert_array_equal(schedule.chosen, single_sensor(6, 2, 0))
 
 
 def test_with_one_state_the_answer_is_the_largest_of_each_segment():
@@ -371,7 +371,7 @@ def test_out_of_time_a_schedule_keeps_a_valid_certificate(time_limit: float, rob
     assert (schedule.status is od.Status.OPTIMAL) == (schedule.gap <= 1e-9)
     assert schedule.value == pytest.approx(problem.values(schedule.chosen[None])[0], rel=1e-12)
     random = np.random.default_rng(0)
-    others = np.stack([at_random(60, 4, 2, random) for _ in range(200)] + [round_robin(60, 4, 2)])
+    others = np.stack([random_schedule(60, 4, 2, random) for _ in range(200)] + [round_robin(60, 4, 2)])
     assert max(problem.values(others).max(), schedule.value) <= schedule.bound <= schedule.root_bound
     long_enough = problem.solved(gap=1e-3, time_limit=2.0)
     assert long_enough.value <= schedule.bound * (1 + 1e-12)
@@ -390,7 +390,7 @@ def test_other_seeds_may_only_move_what_is_left_of_the_gap():
 @pytest.mark.parametrize("per_segment", [1, 2, 3])
 def test_naive_schedules_have_the_shape_and_the_counts_asked_for(per_segment: int):
     turns = round_robin(7, 3, per_segment)
-    drawn = at_random(500, 3, per_segment, np.random.default_rng(0))
+    drawn = random_schedule(500, 3, per_segment, np.random.default_rng(0))
     assert turns.shape == (7, 3)
     assert drawn.shape == (500, 3)
     for schedule in (turns, drawn):
@@ -403,7 +403,7 @@ def test_naive_schedules_have_the_shape_and_the_counts_asked_for(per_segment: in
 
 
 def test_always_keeps_one_sensor_on_and_round_robin_goes_round():
-    np.testing.assert_array_equal(always(3, 4, 2), np.tile([False, False, True, False], (3, 1)))
+    np.testing.assert_array_equal(single_sensor(3, 4, 2), np.tile([False, False, True, False], (3, 1)))
     np.testing.assert_array_equal(np.argmax(round_robin(5, 3), axis=1), [0, 1, 2, 0, 1])
     two_at_a_time = [np.flatnonzero(row).tolist() for row in round_robin(3, 4, 2)]
     assert two_at_a_time == [[0, 1], [2, 3], [0, 1]]
@@ -535,7 +535,7 @@ def test_where_one_way_fails_the_other_is_taken_and_noted(method: str, broken: s
     if broken == "direct":
         monkeypatch.setattr(cp.Problem, "solve", broken_problem)
     else:
-        monkeypatch.setattr("obsdesign.selection.relaxation.column_generation.mixed", lambda *_: None)
+        monkeypatch.setattr("obsdesign.selection.relaxation.column_generation.solve_master", lambda *_: None)
     problem = Problem(PROBLEMS["full"], 1, (), od.MinEigenvalue(), 0)
     schedule = problem.solved(method=method)
     assert len(schedule.notes) == 1
@@ -547,7 +547,7 @@ def test_where_one_way_fails_the_other_is_taken_and_noted(method: str, broken: s
 # ---------------------------------------------------------------- what reduced costs decide
 
 
-def walked(walks: Walks) -> set[bytes]:
+def walked(walks: ReducedProblem) -> set[bytes]:
     """Every schedule of the walks."""
     found = set()
 
@@ -556,12 +556,12 @@ def walked(walks: Walks) -> set[bytes]:
             found.add(chosen.tobytes())
             return
         layer = walks.layers[level]
-        for step in range(layer.begin[state], layer.begin[state + 1]):
+        for step in range(layer.offsets[state], layer.offsets[state + 1]):
             then = chosen.copy()
             then[layer.segment] = layer.patterns[step]
             on(level + 1, int(layer.target[step]), then)
 
-    on(0, walks.first, walks.chosen)
+    on(0, walks.initial_state, walks.chosen)
     return found
 
 
@@ -570,14 +570,14 @@ def walked(walks: Walks) -> set[bytes]:
 def test_every_schedule_above_the_bar_is_left_undecided(rules: tuple[AbstractRule, ...], seed: int):
     """Reduced-cost fixing drops nothing that is better, wherever the bar is."""
     problem = Problem(random_blocks(4, 3, 3, 1, seed), 2 if rules else 1, rules, od.MinEigenvalue(), 0)
-    instance = posed(problem.blocks, problem.per_segment, rules, od.MinEigenvalue(), 0, None)
-    found = relaxed(instance, 1e-9)
+    instance = build_problem(problem.blocks, problem.per_segment, rules, od.MinEigenvalue(), 0, None)
+    found = solve_relaxation(instance, 1e-9)
     assert found is not None
     chosen = feasible(problem)
     values = problem.values(chosen)
     left: set[bytes] = set()
     for least in (*np.quantile(values, [0.5, 0.9, 0.99]), values.max() - 1e-9):
-        walks = walks_of(instance, found.met, float(least))
+        walks = reduce_problem(instance, found.evaluated_duals, float(least))
         assert walks is not None
         left = walked(walks)
         better = chosen[values > least + 1e-12]

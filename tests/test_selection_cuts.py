@@ -13,12 +13,12 @@ import pytest
 import obsdesign as od
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection import solver as selecting
-from obsdesign.selection.build import posed
+from obsdesign.selection.build import build_problem
 from obsdesign.selection.integer import eigenvector_cuts as cuts
-from obsdesign.selection.integer.eigenvector_cuts import Cut, cut, cuttable
+from obsdesign.selection.integer.eigenvector_cuts import CutResult, is_integer_program, solve_by_cuts
 from obsdesign.selection.integer.search import Clock
-from obsdesign.selection.problem import Instance
-from obsdesign.selection.relaxation.column_generation import relaxed
+from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.relaxation.column_generation import solve_relaxation
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Case:
     known: np.ndarray | None = None
     about: tuple[int, ...] | None = None
 
-    def posed(self) -> Instance:
-        return posed(self.blocks, 1, self.rules, od.MinEigenvalue(), 0, None, known=self.known, about=self.about)
+    def posed(self) -> SelectionProblem:
+        return build_problem(self.blocks, 1, self.rules, od.MinEigenvalue(), 0, None, known_information=self.known, about=self.about)
 
     def best(self) -> float:
         """Of all (S + 1)^K schedules: 1 / lambda_max of the judged part of W^-1."""
@@ -78,12 +78,12 @@ CASES = {
 def test_its_bound_is_above_all_schedules_and_meets_the_best_one(case: Case):
     """From nothing on: programs and cuts alone find the best schedule, to what tolerances leave."""
     instance = case.posed()
-    found = relaxed(instance, 1e-9)
+    found = solve_relaxation(instance, 1e-9)
     assert found is not None
-    assert cuttable(instance)
+    assert is_integer_program(instance)
     nothing, best = np.zeros(instance.shape, dtype=bool), case.best()
-    result = cut(instance, found, (nothing, instance.value(nothing)), 1e-7, lambda: 60.0)
-    assert instance.keeps_limits(result.chosen)
+    result = solve_by_cuts(instance, found, (nothing, instance.value(nothing)), 1e-7, lambda: 60.0)
+    assert instance.is_within_limits(result.chosen)
     assert result.value == instance.value(result.chosen) <= best * (1 + 1e-9)
     assert best <= result.bound <= found.bound * (1 + 1e-12)
     assert result.value >= best * (1 - 1e-9)
@@ -92,52 +92,54 @@ def test_its_bound_is_above_all_schedules_and_meets_the_best_one(case: Case):
 
 def test_it_is_the_same_program_every_time():
     instance = CASES["rank 1"].posed()
-    found = relaxed(instance, 1e-9)
+    found = solve_relaxation(instance, 1e-9)
     assert found is not None
     nothing = np.zeros(instance.shape, dtype=bool)
-    one, two = (cut(instance, found, (nothing, 0.0), 1e-7, lambda: 60.0) for _ in range(2))
-    assert (one.value, one.bound, one.count) == (two.value, two.bound, two.count)
+    one, two = (solve_by_cuts(instance, found, (nothing, 0.0), 1e-7, lambda: 60.0) for _ in range(2))
+    assert (one.value, one.bound, one.cuts) == (two.value, two.bound, two.cuts)
 
 
 def test_what_is_no_integer_program_is_left_alone():
     blocks = drawn(0)
     criterion, segments = od.MinEigenvalue(), None
-    assert not cuttable(posed(blocks, 1, (), od.LogDet(), 0, segments))
-    assert not cuttable(posed(blocks, 1, (), criterion, 1, segments))
-    assert not cuttable(posed(blocks, 1, (od.MinimumDwell(2),), criterion, 0, segments))
-    assert not cuttable(posed(drawn(0, 1001), 1, (), criterion, 0, segments))
+    assert not is_integer_program(build_problem(blocks, 1, (), od.LogDet(), 0, segments))
+    assert not is_integer_program(build_problem(blocks, 1, (), criterion, 1, segments))
+    assert not is_integer_program(build_problem(blocks, 1, (od.MinimumDwell(2),), criterion, 0, segments))
+    assert not is_integer_program(build_problem(drawn(0, 1001), 1, (), criterion, 0, segments))
 
 
 def test_time_that_is_up_leaves_what_is_known():
     instance = CASES["rank 1"].posed()
-    found = relaxed(instance, 1e-9)
+    found = solve_relaxation(instance, 1e-9)
     assert found is not None
     nothing = np.zeros(instance.shape, dtype=bool)
-    result = cut(instance, found, (nothing, 0.0), 1e-9, lambda: 0.0)
+    result = solve_by_cuts(instance, found, (nothing, 0.0), 1e-9, lambda: 0.0)
     assert (result.value, result.bound) == (0.0, found.bound)
 
 
 def test_branch_and_bound_goes_on_where_it_gets_done_in_time():
     now = perf_counter()
-    clock = Clock(now - 50.0, now + 50.0, finishes=True)  # half of the time is gone
-    assert clock.is_over()
+    clock = Clock(now - 50.0, now + 50.0, has_finisher=True)  # half of the time is gone
+    assert clock.is_search_over()
     assert not clock.is_up()
     assert clock.stalls(now - 40.0, 0.3)  # 0.3 in 40 s: 0.675 in 90 s
     assert not clock.stalls(now - 40.0, 0.6)
     assert not Clock(now - 50.0, now + 50.0).stalls(now - 40.0, 0.0)  # nothing else would go on
-    assert not Clock(now - 5.0, now + 95.0, finishes=True).is_over()
-    assert not Clock(now, np.inf).is_over()
+    assert not Clock(now - 5.0, now + 95.0, has_finisher=True).is_search_over()
+    assert not Clock(now, np.inf).is_search_over()
 
 
 def test_it_takes_over_within_a_time_limit_and_says_so(monkeypatch: pytest.MonkeyPatch):
     """What it returns is joined with what is there: the better schedule, the lower bound; without a time limit it is not asked."""
     asked = []
 
-    def finished(instance: Instance, found: object, incumbent: tuple[np.ndarray, float], gap: float, left: Callable[[], float]) -> Cut:
+    def finished(
+        instance: SelectionProblem, found: object, incumbent: tuple[np.ndarray, float], gap: float, left: Callable[[], float]
+    ) -> CutResult:
         asked.append(incumbent[1])
-        return Cut(*incumbent, 0.5 * (incumbent[1] + found.bound), 17)  # pyright: ignore[reportAttributeAccessIssue]
+        return CutResult(*incumbent, 0.5 * (incumbent[1] + found.bound), 17)  # pyright: ignore[reportAttributeAccessIssue]
 
-    monkeypatch.setattr(selecting, "cut", finished)
+    monkeypatch.setattr(selecting, "solve_by_cuts", finished)
     blocks = drawn(0, 40, 4, 5)
     schedule = od.select_sensors(blocks, time_limit=0.2)
     assert asked == [schedule.value]
@@ -148,4 +150,4 @@ def test_it_takes_over_within_a_time_limit_and_says_so(monkeypatch: pytest.Monke
 
 def test_what_tolerances_may_take_is_given_back():
     """Prices off by 1e-9 for each of 2000 choices, and what counts as whole: a few 1e-6 at most."""
-    assert 1e-6 <= cuts._widened(1) <= cuts._widened(2000) <= 6e-6
+    assert 1e-6 <= cuts._tolerance_margin(1) <= cuts._tolerance_margin(2000) <= 6e-6

@@ -14,7 +14,7 @@ from test_selection import path_blocks
 
 import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.selection.build import posed
+from obsdesign.selection.build import build_problem
 from obsdesign.selection.schedule import gap_of
 
 every_criterion = pytest.mark.parametrize("criterion", CRITERIA, ids=lambda each: type(each).__name__)
@@ -520,7 +520,7 @@ def test_a_value_of_any_schedule_is_right_to_its_digits(seed: int):
     """Not only of the best one: rivals and random schedules are rated by the same function."""
     given = replace(wide(seed), known=None, about=None)
     problem = replace(given.problem, robust_to=0, rules=())
-    instance = posed(problem.blocks, problem.per_segment, (), problem.criterion, 0, None)
+    instance = build_problem(problem.blocks, problem.per_segment, (), problem.criterion, 0, None)
     chosen, values = by_trying_all(replace(given, problem=problem))
     np.testing.assert_allclose(
         [instance.value(each) for each in chosen], values, rtol=NEAR, atol=NEAR if problem.criterion.resolution else 0

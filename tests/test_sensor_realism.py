@@ -16,7 +16,7 @@ from scipy.linalg import toeplitz
 import obsdesign as od
 from obsdesign.design.nlp.program import Program
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.estimation.validation import _draws, _Task
+from obsdesign.estimation.validation import _draws, _MonteCarloTask
 from obsdesign.sensors.abstract import AbstractSensor
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
@@ -277,9 +277,9 @@ def test_the_program_of_a_design_has_exact_derivatives_through_limits_and_growin
         return od.variational_gramian(SYSTEM, path).total * np.outer(scale, scale)
 
     program = Program(problem)
-    values = program.at(p.ravel(order="F"))
+    values = program.evaluate(p.ravel(order="F"))
     np.testing.assert_allclose(values.matrices[0], judged(p), rtol=1e-9)
-    found = program.slopes(values).matrices[0]
+    found = program.derivatives(values).matrices[0]
     for i, j in ((0, 0), (0, 2), (2, 2), (1, 4), (3, 3)):
         expected = slopes(lambda p, i=i, j=j: judged(p)[i, j], p).ravel(order="F")
         np.testing.assert_allclose(found[:, i, j], expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
@@ -404,7 +404,9 @@ DRAWN = od.System(
 def drawn() -> tuple[np.ndarray, np.ndarray]:
     """Noise (R, N, q) and constant errors (R, q) of many runs, steps of half a second."""
     path = od.simulate(DRAWN, (0.0, 0.0, 0.0), np.tile([1.0, 0.1], (60, 1)), 0.5)
-    task = _Task(DRAWN, path, od.Prior(path.x[0], std=(1.0, 1.0, 1.0)), np.ones((60, 3), dtype=bool), np.zeros((3, 0)), 9, range(800), 1)
+    task = _MonteCarloTask(
+        DRAWN, path, od.Prior(path.x[0], std=(1.0, 1.0, 1.0)), np.ones((60, 3), dtype=bool), np.zeros((3, 0)), 9, range(800), 1
+    )
     draws = [_draws(task, run) for run in task.runs]
     return np.stack([draw[2] for draw in draws]), np.stack([draw[3] for draw in draws])
 

@@ -8,13 +8,13 @@ import pytest
 from flint import fmpz, nmod, nmod_poly
 
 from obsdesign.rank.exact_numbers import as_residue
-from obsdesign.rank.formal_series import Formal, product, quotient
-from obsdesign.rank.symbols import PI, PRIME, ROOT_OF_PI, NoSquareError, Symbols, as_small, as_whole
+from obsdesign.rank.formal_series import ResidueOperations, product, quotient
+from obsdesign.rank.symbols import PI, PRIME, ROOT_OF_PI, NoSquareError, Symbols, as_small_fraction, as_small_integer
 
 TERMS = 13
 A = nmod_poly([5, 3, 7, 1, 2, 9, 4], PRIME)
 B = nmod_poly([9, 1, 4, 4], PRIME)
-FORMAL = Formal(Symbols(free=True))
+FORMAL = ResidueOperations(Symbols(has_free_roots=True))
 
 
 @pytest.fixture(autouse=True)
@@ -124,16 +124,16 @@ def test_numbers_without_a_root_are_named_or_get_a_symbol():
     odd = next(k for k in range(2, 1000) if pow(k, (PRIME - 1) // 2, PRIME) != 1)
     with pytest.raises(NoSquareError):
         Symbols().sqrt(odd)
-    assert Symbols(free=True).sqrt(odd) == Symbols(free=True).sqrt(odd)
+    assert Symbols(has_free_roots=True).sqrt(odd) == Symbols(has_free_roots=True).sqrt(odd)
     assert fmpz(PRIME).is_prime()
 
 
 @pytest.mark.parametrize("fraction", [(3, 7), (-22, 7), (1, 1000003), (999999, 2), (0, 1)])
 def test_small_rationals_are_told_from_their_residue(fraction):
-    found = as_small(residue(*fraction))
+    found = as_small_fraction(residue(*fraction))
     assert found == fraction if abs(fraction[0]) < 2**20 and fraction[1] < 2**20 else found is None
 
 
 def test_whole_numbers_are_told_from_their_residue():
-    assert [as_whole(k % PRIME) for k in (0, 5, -5, 2**15)] == [0, 5, -5, 2**15]
-    assert as_whole(residue(1, 2)) is None
+    assert [as_small_integer(k % PRIME) for k in (0, 5, -5, 2**15)] == [0, 5, -5, 2**15]
+    assert as_small_integer(residue(1, 2)) is None

@@ -28,11 +28,11 @@ from published.classics import (
 )
 
 import obsdesign as od
-from obsdesign.analysis.autobracket_recursion import recursion
+from obsdesign.analysis.autobracket_recursion import codistribution_sequence
 from obsdesign.analysis.equations import equations_of
-from obsdesign.analysis.evaluation_point import random_places
+from obsdesign.analysis.evaluation_point import random_points
 from obsdesign.analysis.field_rescaling import rescale
-from obsdesign.analysis.lie_expressions import Space
+from obsdesign.analysis.lie_expressions import IndependenceTest
 from obsdesign.calculus import lie_derivative
 
 
@@ -117,7 +117,7 @@ def test_unicycle_table_by_jets(case):
 def rescaled_at(system):
     """The rescaled system, and what evaluates its expressions at a state."""
     equations = equations_of(system.model)
-    rescaled = rescale(Space(equations, next(random_places(equations.n, 0))))
+    rescaled = rescale(IndependenceTest(equations, next(random_points(equations.n, 0))))
 
     def value(expression, at):
         return np.array(equations.function(ca.densify(expression))(at, [float(constant) for constant in equations.values]))
@@ -167,7 +167,7 @@ def test_intermediate_results_are_those_printed(case):
     output, known, *_ = UNICYCLE[case]
     rescaled, value = rescaled_at(polar_unicycle(output, known))
     x = rescaled.equations.x
-    zero_bracket, bracket = rescaled.brackets(rescaled.equations.known)
+    zero_bracket, bracket = rescaled.autobrackets(rescaled.equations.known_fields)
     for at in np.random.default_rng(1).uniform(0.2, 1.4, (5, 3)):
         assert np.allclose(value(rescaled.rates, at), [[0, L_g_h(*at)]], rtol=1e-12, atol=0)
         assert np.allclose(value(rescaled.tensor, at).ravel(), [0, 0, 0, rho(*at)], rtol=1e-12, atol=1e-14)
@@ -176,7 +176,7 @@ def test_intermediate_results_are_those_printed(case):
             assert np.allclose(value(ca.jacobian(rescaled.tensor[3], x), at), d_rho(*at), rtol=1e-12, atol=1e-13)
         if phi_1:
             assert np.allclose(value(bracket, at).ravel(), phi_1(*at), rtol=1e-12, atol=1e-13)
-            gained = ca.jacobian(lie_derivative(rescaled.chosen, x, bracket), x)
+            gained = ca.jacobian(lie_derivative(rescaled.selected_functions, x, bracket), x)
             assert np.allclose(value(gained, at), d_of_phi_1(*at), rtol=1e-12, atol=1e-13)
 
 
@@ -215,10 +215,10 @@ def test_small_systems_by_jets_of_rising_order(name):
 def test_a_vanishing_tensor_and_a_step_without_growth_are_not_the_end():
     # x1' = u, x2' = x1 w, y = x2: tau = 0 and Omega_1 = Omega_0, Omega_2 is larger
     equations = equations_of(switched().model)
-    space = Space(equations, next(random_places(2, 0)))
+    space = IndependenceTest(equations, next(random_points(2, 0)))
     rescaled = rescale(space)
     assert space.vanishes(rescaled.tensor)
-    steps = recursion(space, rescaled)
+    steps = codistribution_sequence(space, rescaled)
     assert [next(steps).numel() for _ in range(4)] == [1, 1, 2, 2]
 
 
@@ -306,7 +306,7 @@ def test_vehicle_in_wind_by_jets():
 
 def test_vehicle_in_wind_has_no_autobrackets():
     rescaled, value = rescaled_at(vehicle_in_wind(True))
-    brackets = rescaled.brackets(rescaled.equations.known)
+    brackets = rescaled.autobrackets(rescaled.equations.known_fields)
     assert len(brackets) == 12  # six known inputs, along the drift (none) and along the wind
     for at in np.random.default_rng(1).uniform(-1, 1, (3, 7)):
         assert np.abs(value(ca.horzcat(*brackets), at)).max() < 1e-12

@@ -6,25 +6,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from obsdesign.analysis.evaluation_point import Place
-from obsdesign.analysis.rank_growth import Growth
+from obsdesign.analysis.evaluation_point import EvaluationPoint
+from obsdesign.analysis.rank_growth import RankGrowth
 from obsdesign.rank.elimination import Rank
 from obsdesign.rank.symbols import PRIME
 
 StoppedBy = Literal["full", "criterion", "cap", "bound", "stalled", "precision"]
-NEARLY_SINGULAR = 1e-8
+NEARLY_SINGULAR_PIVOT = 1e-8
 """A pivot below this, relative to the scale of its row and column, is called nearly singular."""
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class EngineResult:
     """The rank in balls at a place, the dimensions step by step, and why it is no more (in words)."""
 
     rank: Rank
-    place: Place
+    point: EvaluationPoint
     ranks: tuple[int, ...]
     stopped_by: StoppedBy
-    at_most: str
+    reason: str
 
     @property
     def dimension(self) -> int:
@@ -32,45 +32,47 @@ class Finding:
         return self.rank.rank
 
     @property
-    def decided(self) -> bool:
+    def is_decided(self) -> bool:
         """Whether nothing is left open."""
         return self.stopped_by not in ("stalled", "precision")
 
     def proof(self, n: int) -> str:
         """Say what was proven and how."""
-        caution = ", nearly singular or badly scaled" * (self.rank.smallest_pivot < NEARLY_SINGULAR)
+        caution = ", nearly singular or badly scaled" * (self.rank.smallest_pivot < NEARLY_SINGULAR_PIVOT)
         smallest = f"{self.rank.smallest_pivot:.1e}" if self.rank.smallest_pivot else "below 1e-307"
         pivots = f"pivots down to {smallest}{caution}"
         minor = f": a minor of the gradients excludes 0 in {self.rank.bits}-bit ball arithmetic ({pivots})" if self.dimension else ""
-        return f"at least {self.dimension} of {n}{minor}; {self.at_most}"
+        return f"at least {self.dimension} of {n}{minor}; {self.reason}"
 
 
-def finding_of(growth: Growth, cap: int | None = None) -> Finding:
+def growth_result(growth: RankGrowth, cap: int | None = None) -> EngineResult:
     """Return what a growth to its end says; cap: the most it can be, the dimension for somebody who knows the unknown inputs."""
-    least, n = growth.rank.rank, growth.rank.null_space.shape[0]
-    if least == n:
+    lower, n = growth.rank.rank, growth.rank.null_space.shape[0]
+    if lower == n:
         stopped_by, why = "full", "no more is possible"
-    elif least == cap:
+    elif lower == cap:
         stopped_by, why = "cap", "no more is possible: it is as much if the inputs are known"
-    elif not growth.decided:
-        stopped_by, why = "precision", f"{precision_reached(growth.rank)}, and at most {growth.dimension} {how(growth.rational)}"
+    elif not growth.is_decided:
+        stopped_by, why = "precision", f"{precision_text(growth.rank)}, and at most {growth.dimension} {zero_test_text(growth.is_rational)}"
     else:
-        stopped_by, why = "criterion", f"no more: derivatives of order {growth.order} add nothing {how(growth.rational)}"
-    ranks = growth.dimensions if growth.dimension == least else (*(each for each in growth.dimensions if each < least), least)
-    return Finding(growth.rank, growth.place, cut(ranks), stopped_by, why)
+        stopped_by, why = "criterion", f"no more: derivatives of order {growth.order} add nothing {zero_test_text(growth.is_rational)}"
+    ranks = (
+        growth.dimensions if growth.dimension == lower else (*(dimension for dimension in growth.dimensions if dimension < lower), lower)
+    )
+    return EngineResult(growth.rank, growth.point, cut_after_growth(ranks), stopped_by, why)
 
 
-def how(rational: bool) -> str:
+def zero_test_text(is_rational: bool) -> str:
     """Say how nothing was found to be nothing."""
-    symbols = "" if rational else ", with symbols for all functions that are not rational"
+    symbols = "" if is_rational else ", with symbols for all functions that are not rational"
     return f"modulo {PRIME} at a random point{symbols}"
 
 
-def precision_reached(rank: Rank) -> str:
+def precision_text(rank: Rank) -> str:
     """Say that the precision limit was reached."""
     return f"not decided: {rank.bits} bits do not tell the rest from 0"
 
 
-def cut(ranks: Sequence[int]) -> tuple[int, ...]:
+def cut_after_growth(ranks: Sequence[int]) -> tuple[int, ...]:
     """Return the ranks up to the last growth."""
     return tuple(ranks[: list(ranks).index(ranks[-1]) + 1])

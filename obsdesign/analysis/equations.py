@@ -11,20 +11,20 @@ from itertools import accumulate
 import casadi as ca
 import flint
 
-from obsdesign.analysis.evaluation_point import Place
+from obsdesign.analysis.evaluation_point import EvaluationPoint
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import Model
 from obsdesign.rank.balls import PRECISIONS
-from obsdesign.rank.decimal_reading import read
+from obsdesign.rank.decimal_reading import read_double
 from obsdesign.rank.elimination import values_at
 from obsdesign.rank.exact_constants import symbolise
-from obsdesign.rank.exact_numbers import Meaning, Number
+from obsdesign.rank.exact_numbers import ExactNumber, Number
 from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
 from obsdesign.rank.piecewise_functions import smooth_near
-from obsdesign.rank.symbol_relations import Used, used
+from obsdesign.rank.symbol_relations import FunctionArguments, function_arguments
 from obsdesign.rank.taylor import Flow
 
-Exact = tuple[Meaning, ...]
+ExactValues = tuple[ExactNumber, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,39 +32,39 @@ class Piece:
     """One piece of functions of n states: (x, constants) -> their values on this piece, and on the piece where x lies."""
 
     n: int
-    here: ca.Function
-    anywhere: ca.Function
-    values: Exact
+    on_piece: ca.Function
+    everywhere: ca.Function
+    constants: ExactValues
 
-    def holds(self, state: Sequence[Number]) -> bool:
+    def contains(self, state: Sequence[Number]) -> bool:
         """Return whether the state (..., n), perhaps behind added ones, lies in this piece."""
-        arguments = (state[len(state) - self.n :], self.values)
+        arguments = (state[len(state) - self.n :], self.constants)
         with flint.ctx.workprec(PRECISIONS[1]):
-            here, anywhere = (values_at(function, arguments) for function in (self.here, self.anywhere))
-        return all(a.overlaps(b) for rows in zip(here, anywhere, strict=True) for a, b in zip(*rows, strict=True))
+            on_piece, everywhere = (values_at(function, arguments) for function in (self.on_piece, self.everywhere))
+        return all(a.overlaps(b) for rows in zip(on_piece, everywhere, strict=True) for a, b in zip(*rows, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Equations:
     """xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs (q, 1); fields are SX (n, 1).
 
-    constants (c, 1): symbols for the numbers in all of these, with their values; extra: how many states come first that
-    were added, and are not asked for; origin (n,): x is the state that was asked about less origin pi; read: doubles of the
+    constants (c, 1): symbols for the numbers in all of these, with their values; n_added: how many states come first that
+    were added, and are not asked for; origin (n,): x is the state that was asked about less origin pi; readings: doubles of the
     model, each with what it stands for; piece: which one these are, where functions have pieces.
     """
 
     x: ca.SX
     names: tuple[str, ...]
     constants: ca.SX
-    values: Exact
+    values: ExactValues
     drift: ca.SX
-    known: tuple[ca.SX, ...]
-    unknown: tuple[ca.SX, ...]
+    known_fields: tuple[ca.SX, ...]
+    unknown_fields: tuple[ca.SX, ...]
     outputs: ca.SX
     output_names: tuple[str, ...]
-    extra: int = 0
+    n_added: int = 0
     origin: tuple[Fraction, ...] = ()
-    read: tuple[tuple[float, Meaning], ...] = ()
+    readings: tuple[tuple[float, ExactNumber], ...] = ()
     piece: Piece | None = None
 
     @property
@@ -73,18 +73,18 @@ class Equations:
         return self.x.numel()
 
     @property
-    def asked(self) -> int:
+    def n_queried(self) -> int:
         """Number of states that are asked for."""
-        return self.n - self.extra
+        return self.n - self.n_added
 
     @cached_property
-    def everything(self) -> ca.Function:
+    def all_expressions(self) -> ca.Function:
         """(x, constants) -> outputs, drift, known and unknown fields in one column."""
-        return self.function(ca.densify(ca.vertcat(self.outputs, self.drift, *self.known, *self.unknown)))
+        return self.function(ca.densify(ca.vertcat(self.outputs, self.drift, *self.known_fields, *self.unknown_fields)))
 
     @cached_property
     def _steps(self) -> tuple[Instruction, ...]:
-        return instructions(self.everything)
+        return instructions(self.all_expressions)
 
     @cached_property
     def is_rational(self) -> bool:
@@ -97,114 +97,118 @@ class Equations:
         return has_pieces(self._steps)
 
     @cached_property
-    def symbols_used(self) -> Used:
+    def symbols_used(self) -> FunctionArguments:
         """The functions in these expressions that are symbols modulo a prime."""
-        return used(self._steps, (self.x, self.constants))
+        return function_arguments(self._steps, (self.x, self.constants))
 
-    def smooth_near(self, place: Sequence[Number]) -> Equations:
+    def smooth_near(self, point: Sequence[Number]) -> Equations:
         """Return the equations without pieces that are these near a state (n,). Raises NoValueError on the border of pieces."""
-        column = smooth_near(self.everything, (self.x, self.constants), (place, self.values))
-        lengths = [self.outputs.numel(), *[self.n] * (1 + len(self.known) + len(self.unknown))]
+        column = smooth_near(self.all_expressions, (self.x, self.constants), (point, self.values))
+        lengths = [self.outputs.numel(), *[self.n] * (1 + len(self.known_fields) + len(self.unknown_fields))]
         outputs, drift, *fields = ca.vertsplit(column, [0, *accumulate(lengths)])
-        known, unknown = tuple(fields[: len(self.known)]), tuple(fields[len(self.known) :])
-        smooth = replace(self, outputs=outputs, drift=drift, known=known, unknown=unknown)
-        return replace(smooth, piece=Piece(self.n, smooth.everything, self.everything, self.values))
+        known_fields, unknown_fields = tuple(fields[: len(self.known_fields)]), tuple(fields[len(self.known_fields) :])
+        smooth = replace(self, outputs=outputs, drift=drift, known_fields=known_fields, unknown_fields=unknown_fields)
+        return replace(smooth, piece=Piece(self.n, smooth.all_expressions, self.all_expressions, self.values))
 
     @cached_property
     def flow(self) -> Flow:
         """The equations with symbols for the inputs."""
-        u, w = ca.SX.sym("u", len(self.known)), ca.SX.sym("w", len(self.unknown))
-        pairs = [*zip(self.known, ca.vertsplit(u), strict=True), *zip(self.unknown, ca.vertsplit(w), strict=True)]
+        u, w = ca.SX.sym("u", len(self.known_fields)), ca.SX.sym("w", len(self.unknown_fields))
+        pairs = [*zip(self.known_fields, ca.vertsplit(u), strict=True), *zip(self.unknown_fields, ca.vertsplit(w), strict=True)]
         rate = self.drift + sum((field * symbol for field, symbol in pairs), ca.SX.zeros(self.n))
         return Flow(self.x, u, w, self.constants, rate, self.outputs)
 
     @property
-    def fields(self) -> tuple[ca.SX, ...]:
+    def drift_and_known_fields(self) -> tuple[ca.SX, ...]:
         """Drift and known fields, those that vanish left out."""
-        return tuple(field for field in (self.drift, *self.known) if not field.is_zero())
+        return tuple(field for field in (self.drift, *self.known_fields) if not field.is_zero())
 
-    def state_at(self, place: Place) -> Place:
+    def original_state(self, point: EvaluationPoint) -> EvaluationPoint:
         """Return the state that was asked about, of which the place is what these equations make."""
-        return place.less([-turns for turns in self.origin]) if self.origin else place
+        return point.relative_to([-multiple_of_pi for multiple_of_pi in self.origin]) if self.origin else point
 
-    def where(self, place: Place) -> str:
+    def describe(self, point: EvaluationPoint) -> str:
         """Say where the place is."""
-        return self.state_at(place).in_words(self.names)
+        return self.original_state(point).in_words(self.names)
 
     def function(self, expression: ca.SX) -> ca.Function:
         """Return (x, constants) -> expression."""
         return ca.Function("expression", [self.x, self.constants], [expression])
 
-    def with_all_known(self) -> Equations:
+    def with_all_inputs_known(self) -> Equations:
         """Return the equations as they are for somebody who knows the unknown inputs."""
-        return replace(self, known=(*self.known, *self.unknown), unknown=())
+        return replace(self, known_fields=(*self.known_fields, *self.unknown_fields), unknown_fields=())
 
-    def with_inputs(self, known: Sequence[int], unknown: Sequence[int]) -> Equations:
+    def with_inputs(self, known_indices: Sequence[int], unknown_indices: Sequence[int]) -> Equations:
         """Return the equations with some of the inputs alone, by index."""
-        if (len(known), len(unknown)) == (len(self.known), len(self.unknown)):
+        if (len(known_indices), len(unknown_indices)) == (len(self.known_fields), len(self.unknown_fields)):
             return self
-        return replace(self, known=tuple(self.known[i] for i in known), unknown=tuple(self.unknown[j] for j in unknown))
+        return replace(
+            self,
+            known_fields=tuple(self.known_fields[i] for i in known_indices),
+            unknown_fields=tuple(self.unknown_fields[j] for j in unknown_indices),
+        )
 
 
 def equations_of(
     model: Model,
     held: Mapping[str, float] | None = None,
     origin: Sequence[Fraction] | None = None,
-    meaning: Callable[[float], Meaning] | None = None,
+    reading: Callable[[float], ExactNumber] | None = None,
 ) -> Equations:
     """Return the model's equations with a symbol for every constant.
 
     held: known inputs kept at a value, which joins the drift; origin (n,): the equations are those of the state less origin pi,
-    multiples of pi / 12, so that sine and cosine there are those of 0; meaning: what a double stands for (None: what was meant).
+    multiples of pi / 12, so that sine and cosine there are those of 0; reading: what a double stands for (None: what was meant).
     """
-    held, meaning = held or {}, meaning or meant
+    held, reading = held or {}, reading or likely_value
     require_known("held", tuple(held), model.input_names)
-    levels = ca.SX.sym("held", len(held))
+    held_values = ca.SX.sym("held", len(held))
     columns = {name: i for i, name in enumerate(model.input_names)}
     n, q, m = model.x.numel(), len(model.outputs), len(model.inputs)
-    graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))), meaning, origin)
+    graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))), reading, origin)
     fields = ca.horzsplit(ca.reshape(graph.expression[q:], n, -1))
     return Equations(
         x=model.x,
         names=model.state_names,
-        constants=ca.vertcat(graph.constants, levels),
-        values=(*graph.values, *(meaning(float(value)) for value in held.values())),
-        drift=fields[0] + sum((fields[1 + columns[name]] * levels[i] for i, name in enumerate(held)), ca.SX.zeros(n)),
-        known=tuple(fields[1 + i] for name, i in columns.items() if name not in held),
-        unknown=tuple(fields[m + 1 :]),
+        constants=ca.vertcat(graph.constants, held_values),
+        values=(*graph.values, *(reading(float(value)) for value in held.values())),
+        drift=fields[0] + sum((fields[1 + columns[name]] * held_values[i] for i, name in enumerate(held)), ca.SX.zeros(n)),
+        known_fields=tuple(fields[1 + i] for name, i in columns.items() if name not in held),
+        unknown_fields=tuple(fields[m + 1 :]),
         outputs=graph.expression[:q],
         output_names=tuple(signal.name for signal in model.outputs),
         origin=tuple(origin or ()),
-        read=(*graph.read, *((float(value), meaning(float(value))) for value in held.values())),
+        readings=(*graph.readings, *((float(value), reading(float(value))) for value in held.values())),
     )
 
 
-def meant(value: float) -> Meaning:
+def likely_value(value: float) -> ExactNumber:
     """Return what was meant by a double."""
-    return read(value).meant
+    return read_double(value).intended
 
 
-def typed(value: float) -> Meaning:
+def literal_value(value: float) -> ExactNumber:
     """Return what a double stands for as it stands, where it may be a rounded one."""
-    return read(value).typed
+    return read_double(value).literal
 
 
 def with_input_states(equations: Equations, levels: int) -> Equations:
     """Return the equations with w, w', ..., w^(levels - 1) as states before x, and w^(levels) as the unknown input."""
-    p = len(equations.unknown)
-    jets = [ca.SX.sym(f"w{level}", p) for level in range(levels)]
+    p = len(equations.unknown_fields)
+    input_jets = [ca.SX.sym(f"w{level}", p) for level in range(levels)]
     n = equations.n + p * levels
-    added = ca.vertcat(*jets)
+    added_states = ca.vertcat(*input_jets)
     zeros = ca.SX.zeros(p * levels)
-    rate = equations.drift + sum((g * jets[0][j] for j, g in enumerate(equations.unknown)), ca.SX.zeros(equations.n))
-    top = p * (levels - 1)
+    rate = equations.drift + sum((g * input_jets[0][j] for j, g in enumerate(equations.unknown_fields)), ca.SX.zeros(equations.n))
+    highest_row = p * (levels - 1)
     return replace(
         equations,
-        x=ca.vertcat(added, equations.x),
+        x=ca.vertcat(added_states, equations.x),
         names=(*(f"w{level}_{j}" for level in range(levels) for j in range(p)), *equations.names),
-        drift=ca.vertcat(*jets[1:], ca.SX.zeros(p), rate),
-        known=tuple(ca.vertcat(zeros, field) for field in equations.known),
-        unknown=tuple(ca.SX([float(row == top + j) for row in range(n)]) for j in range(p)),
-        extra=p * levels,
+        drift=ca.vertcat(*input_jets[1:], ca.SX.zeros(p), rate),
+        known_fields=tuple(ca.vertcat(zeros, field) for field in equations.known_fields),
+        unknown_fields=tuple(ca.SX([float(row == highest_row + j) for row in range(n)]) for j in range(p)),
+        n_added=p * levels,
         origin=(*[Fraction(0)] * (p * levels * bool(equations.origin)), *equations.origin),
     )

@@ -15,21 +15,21 @@ from numpy.typing import ArrayLike
 
 from obsdesign.errors import InputError
 from obsdesign.rank.balls import BALLS, PRECISIONS
-from obsdesign.rank.decimal_reading import read
-from obsdesign.rank.exact_numbers import Irrational, Number, as_ball, of_pi
+from obsdesign.rank.decimal_reading import read_double
+from obsdesign.rank.exact_numbers import Irrational, Number, as_ball, pi_times
 from obsdesign.rank.graph import Arithmetic
-from obsdesign.rank.residues import residues
+from obsdesign.rank.residues import modular_arithmetic
 from obsdesign.rank.symbols import PRIME, Symbols
 
 # Where random points are looked for: inside the domain of sqrt, log, acos and acosh first. Corners are whole numbers.
 _BOXES = ((0, 1), (-1, 1), (1, 3), (-3, -1), (-100, 100), (0, 1000))
 _DRAWS_PER_BOX = 3  # more of them find thinner domains, and take longer where there is none
 # _NEARNESS: how far from a point its neighbours are drawn: nearer and nearer, for points close to the edge of a domain
-_NEARNESS = tuple(Fraction(1, 2**k) for k in (10, 20, 30, 50, 80, 120))
+_RADII = tuple(Fraction(1, 2**k) for k in (10, 20, 30, 50, 80, 120))
 
 
 @dataclass(frozen=True)
-class Place:
+class EvaluationPoint:
     """A state (n,): rationals, balls, or (with symbols for functions) numbers modulo the prime.
 
     precisions: bits that make sense there, tried in turn.
@@ -40,23 +40,25 @@ class Place:
     precisions: tuple[int, ...] = PRECISIONS
 
     @property
-    def modular(self) -> bool:
+    def is_modular(self) -> bool:
         """Whether it is one modulo the prime."""
         return self.symbols is not None
 
     @cached_property
     def arithmetic(self) -> Arithmetic:
         """What to calculate with here."""
-        return residues(self.symbols) if self.symbols is not None else BALLS
+        return modular_arithmetic(self.symbols) if self.symbols is not None else BALLS
 
     @property
     def midpoint(self) -> np.ndarray:
         """The state in doubles (n,)."""
         return np.array([float(value) for value in self.state])
 
-    def less(self, origin: Sequence[Fraction]) -> Place:
+    def relative_to(self, origin: Sequence[Fraction]) -> EvaluationPoint:
         """Return the state less origin pi (n,)."""
-        return replace(self, state=tuple(_less(value, turns) for value, turns in zip(self.state, origin, strict=True)))
+        return replace(
+            self, state=tuple(_subtract_turns(value, multiple_of_pi) for value, multiple_of_pi in zip(self.state, origin, strict=True))
+        )
 
     def in_words(self, names: Sequence[str]) -> str:
         """Say where it is."""
@@ -69,17 +71,17 @@ def random_residues(count: int, seed: int | str) -> list[int]:
     return [generator.randrange(1, PRIME) for _ in range(count)]
 
 
-def origin_of(place: Place) -> tuple[Fraction, ...]:
+def origin_of(point: EvaluationPoint) -> tuple[Fraction, ...]:
     """Return, for every entry that is a multiple of pi, the multiple of 1/12 at or below that multiple; 0 for the others."""
-    multiples = [value.turns if isinstance(value, Irrational) else None for value in place.state]
-    return tuple(Fraction(math.floor(12 * multiple), 12) if multiple else Fraction(0) for multiple in multiples)
+    multiples_of_pi = [value.multiple_of_pi if isinstance(value, Irrational) else None for value in point.state]
+    return tuple(Fraction(math.floor(12 * multiple), 12) if multiple else Fraction(0) for multiple in multiples_of_pi)
 
 
-def _less(value: Number, turns: Fraction) -> Number:
-    if not turns:
+def _subtract_turns(value: Number, multiple_of_pi: Fraction) -> Number:
+    if not multiple_of_pi:
         return value
-    away = of_pi(-turns)
-    return value + as_ball(away) if isinstance(value, arb) else away + value
+    shift = pi_times(-multiple_of_pi)
+    return value + as_ball(shift) if isinstance(value, arb) else shift + value
 
 
 def random_fractions(count: int, seed: int | str) -> list[Fraction]:
@@ -88,40 +90,40 @@ def random_fractions(count: int, seed: int | str) -> list[Fraction]:
     return [Fraction(generator.choice((-1, 1)) * generator.randrange(2**18, 2**20), 2**20) for _ in range(count)]
 
 
-def random_places(n: int, seed: int) -> Iterator[Place]:
+def random_points(n: int, seed: int) -> Iterator[EvaluationPoint]:
     """Yield random states (n,) with entries k / 2^20, exact in double precision, from one box after another."""
     generator = np.random.default_rng(seed)
     for low, high in _BOXES:
         for _ in range(_DRAWS_PER_BOX):
-            yield Place(tuple(low + (high - low) * Fraction(int(k), 2**20) for k in generator.integers(1, 2**20, n)))
+            yield EvaluationPoint(tuple(low + (high - low) * Fraction(int(k), 2**20) for k in generator.integers(1, 2**20, n)))
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class SamplingRegion:
     """Where generic states are looked for: anywhere, or (`centre`) nearer and nearer to a state."""
 
     n: int
     seed: int
-    centre: Place | None = None
+    centre: EvaluationPoint | None = None
 
-    def places(self, extra: int = 0) -> Iterator[Place]:
+    def points(self, extra: int = 0) -> Iterator[EvaluationPoint]:
         """Yield random states (extra + n,)."""
         if self.centre is None:
-            yield from random_places(extra + self.n, self.seed)
+            yield from random_points(extra + self.n, self.seed)
             return
-        for attempt, radius in enumerate(_NEARNESS):
+        for attempt, radius in enumerate(_RADII):
             steps = random_fractions(self.n, f"{self.seed} step {attempt}")
-            state = [_moved(value, radius * step) for value, step in zip(self.centre.state, steps, strict=True)]
-            yield Place((*random_fractions(extra, f"{self.seed} extra {attempt}"), *state))
+            state = [_perturb(value, radius * step) for value, step in zip(self.centre.state, steps, strict=True)]
+            yield EvaluationPoint((*random_fractions(extra, f"{self.seed} extra {attempt}"), *state))
 
 
-def _moved(value: Number, step: Fraction) -> Number:
+def _perturb(value: Number, step: Fraction) -> Number:
     if step == 0 or isinstance(value, arb):
         return value
     return value + (1 + abs(value if isinstance(value, Fraction | int) else Fraction(float(value)))) * step
 
 
-def as_place(names: Sequence[str], at: ArrayLike) -> Place:
+def point_from(names: Sequence[str], at: ArrayLike) -> EvaluationPoint:
     """Return the point as the rationals that were meant, like the constants of the model; raise InputError unless (n,) and finite."""
     try:
         values = np.array(at, dtype=float)
@@ -132,4 +134,4 @@ def as_place(names: Sequence[str], at: ArrayLike) -> Place:
     for name, value in zip(names, values, strict=True):
         if not math.isfinite(value):
             raise InputError(f"at: {name} is {value}: must be finite")
-    return Place(tuple(read(float(value)).typed for value in values))
+    return EvaluationPoint(tuple(read_double(float(value)).literal for value in values))

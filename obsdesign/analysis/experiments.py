@@ -17,39 +17,39 @@ import flint
 from flint import arb, arb_mat, nmod_mat
 
 from obsdesign.analysis.equations import Equations
-from obsdesign.analysis.evaluation_point import Place, random_fractions, random_residues
-from obsdesign.rank.elimination import Bound, Rank, rank_of
+from obsdesign.analysis.evaluation_point import EvaluationPoint, random_fractions, random_residues
+from obsdesign.rank.elimination import Rank, RankBound, rank_of
 from obsdesign.rank.exact_numbers import Number
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.residues import bound_of
+from obsdesign.rank.residues import rank_bound
 from obsdesign.rank.symbols import PRIME
-from obsdesign.rank.taylor import Arguments
+from obsdesign.rank.taylor import FlowArguments
 
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
     """Some experiments from one place: as many known inputs, one unknown input, Taylor coefficients up to `orders`.
 
-    kept: rows that were computed, shared by what is made from these by `replace`.
+    row_cache: rows that were computed, shared by what is made from these by `replace`.
     """
 
     equations: Equations
-    place: Place
+    point: EvaluationPoint
     orders: int
     count: int = 1
     seed: int = 0
-    kept: dict[Any, Any] = field(default_factory=dict[Any, Any], repr=False)
+    row_cache: dict[Any, Any] = field(default_factory=dict[Any, Any], repr=False)
 
-    def _numbers(self, count: int, purpose: str) -> Sequence[Number]:
-        draw = random_residues if self.place.modular else random_fractions
+    def _random_numbers(self, count: int, purpose: str) -> Sequence[Number]:
+        draw = random_residues if self.point.is_modular else random_fractions
         return draw(count, f"{self.seed} {purpose}")
 
-    def _inputs(self, count: int, purpose: str) -> list[Sequence[Number]]:
+    def _random_inputs(self, count: int, purpose: str) -> list[Sequence[Number]]:
         # one sequence per input, whatever the orders: more orders continue the same input
-        return [self._numbers(self.orders + 1, f"{purpose} {i}") for i in range(count)]
+        return [self._random_numbers(self.orders + 1, f"{purpose} {i}") for i in range(count)]
 
     @cached_property
-    def labels(self) -> tuple[tuple[int, int, int], ...]:
+    def row_labels(self) -> tuple[tuple[int, int, int], ...]:
         """For every row its (experiment, order, output)."""
         q = self.equations.outputs.numel()
         return tuple((c, k, i) for c in range(self.count) for k in range(self.orders + 1) for i in range(q))
@@ -57,116 +57,124 @@ class Experiments:
     @property
     def row_orders(self) -> tuple[int, ...]:
         """For every row the order of its derivative."""
-        return tuple(order for _, order, _ in self.labels)
+        return tuple(order for _, order, _ in self.row_labels)
 
     @property
-    def width(self) -> int:
+    def n_columns(self) -> int:
         """Number of columns of J."""
-        return self.inputs + self.equations.n
+        return self.n_input_columns + self.equations.n
 
     @property
-    def inputs(self) -> int:
+    def n_input_columns(self) -> int:
         """Number of columns of J_w, which come first."""
-        return len(self.equations.unknown) * self.orders
+        return len(self.equations.unknown_fields) * self.orders
 
     @property
-    def eliminated(self) -> int:
+    def n_eliminated(self) -> int:
         """Number of columns that come first and are no part of the state that is asked for."""
-        return self.inputs + self.equations.extra
+        return self.n_input_columns + self.equations.n_added
 
     def rows(self) -> list[list[Any]]:
         """Return J at the working precision, its rows by experiment, order, output."""
-        return [row for experiment in range(self.count) for row in self._rows_of(experiment)]
+        return [row for experiment in range(self.count) for row in self._experiment_rows(experiment)]
 
-    def _rows_of(self, experiment: int) -> list[list[Any]]:
-        there = self.place.state if self.place.modular else (id(self.place), flint.ctx.prec)
-        key = (id(self.equations), there, self.seed, self.orders, experiment)
-        if key not in self.kept:
-            self.kept[key] = (self.equations, self.place, self._computed(experiment))  # the first two to keep their ids theirs
-        return self.kept[key][-1]
+    def _experiment_rows(self, experiment: int) -> list[list[Any]]:
+        point_key = self.point.state if self.point.is_modular else (id(self.point), flint.ctx.prec)
+        key = (id(self.equations), point_key, self.seed, self.orders, experiment)
+        if key not in self.row_cache:
+            self.row_cache[key] = (self.equations, self.point, self._compute_rows(experiment))  # the first two to keep their ids theirs
+        return self.row_cache[key][-1]
 
-    def _computed(self, experiment: int) -> list[list[Any]]:
+    def _compute_rows(self, experiment: int) -> list[list[Any]]:
         equations = self.equations
-        matrices = equations.flow.responses if self.place.modular else equations.flow.sensitivities
-        return [row for matrix in matrices(self.place.arithmetic, self._arguments(experiment), self.orders) for row in matrix.tolist()]
+        matrices = equations.flow.responses if self.point.is_modular else equations.flow.sensitivities
+        return [row for matrix in matrices(self.point.arithmetic, self._arguments(experiment), self.orders) for row in matrix.tolist()]
 
     def along(self, directions: arb_mat) -> arb_mat:
         """Return J times directions (width, d) at a real place, at the working precision."""
-        flow, arithmetic = self.equations.flow, self.place.arithmetic
+        flow, arithmetic = self.equations.flow, self.point.arithmetic
         every = [flow.sensitivities(arithmetic, self._arguments(each), self.orders, directions) for each in range(self.count)]
         return arb_mat([row for matrices in every for matrix in matrices for row in matrix.tolist()])
 
-    def _arguments(self, experiment: int) -> Arguments:
-        equations, number = self.equations, self.place.arithmetic.number
-        return Arguments(
-            x=[number(value) for value in self.place.state],
-            u=[[number(value) for value in series] for series in self._inputs(len(equations.known), f"known {experiment}")],
-            w=[[number(value) for value in series] for series in self._inputs(len(equations.unknown), "unknown")],
+    def _arguments(self, experiment: int) -> FlowArguments:
+        equations, number = self.equations, self.point.arithmetic.number
+        return FlowArguments(
+            x=[number(value) for value in self.point.state],
+            u=[[number(value) for value in series] for series in self._random_inputs(len(equations.known_fields), f"known {experiment}")],
+            w=[[number(value) for value in series] for series in self._random_inputs(len(equations.unknown_fields), "unknown")],
             constants=[number(value) for value in equations.values],
         )
 
-    def completed(self) -> Experiments:
+    def complete(self) -> Experiments:
         """Return as many experiments as it takes until more of them tell nothing more (modulo the prime)."""
-        fewer = self
-        while (more := replace(fewer, count=2 * fewer.count))._span > fewer._span:
-            fewer = more
-        return fewer
+        experiments = self
+        while (doubled := replace(experiments, count=2 * experiments.count))._jacobian_rank > experiments._jacobian_rank:
+            experiments = doubled
+        return experiments
 
     @cached_property
-    def _span(self) -> int:
+    def _jacobian_rank(self) -> int:
         """Rank J."""
         return self._modular_rank(self.orders, slice(None))
 
     # ------------------------------------------------ modulo the prime
 
     @cached_property
-    def _residues(self) -> list[list[Any]]:
+    def _modular_rows(self) -> list[list[Any]]:
         return self.rows()
 
     def _modular_rank(self, order: int, columns: slice) -> int:
-        rows = [row[columns] for row, k in zip(self._residues, self.row_orders, strict=True) if k <= order]
+        rows = [row[columns] for row, k in zip(self._modular_rows, self.row_orders, strict=True) if k <= order]
         return nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME).rank() if rows and rows[0] else 0
 
-    def total(self, order: int) -> int:
+    def total_dimension(self, order: int) -> int:
         """Return rank J - rank of its part in w, added states included, with derivatives up to the order (modulo the prime)."""
-        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.inputs))
+        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.n_input_columns))
 
     def dimension(self, order: int) -> int:
         """Return rank J - rank of its eliminated part, with derivatives up to the order (modulo the prime)."""
-        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.eliminated))
+        return self._modular_rank(order, slice(None)) - self._modular_rank(order, slice(self.n_eliminated))
 
-    def bound(self, order: int, eliminated: int | None = None) -> Bound:
+    def bound(self, order: int, n_eliminated: int | None = None) -> RankBound:
         """Return what the rank of what the rows up to the order tell about the state is at most (modulo the prime).
 
-        eliminated: columns that come first and are not asked about (None: those of inputs and added states).
+        n_eliminated: columns that come first and are not asked about (None: those of inputs and added states).
         """
-        chosen = [row for row, k in zip(self._residues, self.row_orders, strict=True) if k <= order]
-        return bound_of(chosen, self.width, self.eliminated if eliminated is None else eliminated)
+        rows = [row for row, k in zip(self._modular_rows, self.row_orders, strict=True) if k <= order]
+        return rank_bound(rows, self.n_columns, self.n_eliminated if n_eliminated is None else n_eliminated)
 
     # ------------------------------------------------ in balls
 
-    def rank(self, order: int, *, most: Bound | None = None, eliminated: int | None = None) -> Rank:
-        """Return the rank of what the rows up to the order tell about the state that is asked for; most: what it is at most.
+    def rank(self, order: int, *, upper_bound: RankBound | None = None, n_eliminated: int | None = None) -> Rank:
+        """Return the rank of what the rows up to the order tell about the state that is asked for; upper_bound: what it is at most.
 
-        eliminated: columns that come first and are not asked about (None: those of inputs and added states).
+        n_eliminated: columns that come first and are not asked about (None: those of inputs and added states).
         """
-        chosen = [i for i, k in enumerate(self.row_orders) if k <= order]
-        eliminated = self.eliminated if eliminated is None else eliminated
+        row_indices = [i for i, k in enumerate(self.row_orders) if k <= order]
+        n_eliminated = self.n_eliminated if n_eliminated is None else n_eliminated
 
-        def rows() -> list[list[arb]]:
-            every = self.rows()
-            return [every[i] for i in chosen]
+        def rows_up_to_order() -> list[list[arb]]:
+            all_rows = self.rows()
+            return [all_rows[i] for i in row_indices]
 
-        stages = [self.row_orders[i] for i in chosen]
+        stages = [self.row_orders[i] for i in row_indices]
         try:
-            return rank_of(rows, self.width - eliminated, eliminated, stages, precisions=self.place.precisions, confirmed=False, most=most)
+            return rank_of(
+                rows_up_to_order,
+                self.n_columns - n_eliminated,
+                n_eliminated,
+                stages,
+                precisions=self.point.precisions,
+                confirm=False,
+                upper_bound=upper_bound,
+            )
         except NoValueError as error:
-            _, order, output = self.labels[chosen[error.row]]
+            _, order, output = self.row_labels[row_indices[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
-            raise NoValueError(error.row, f"{what} at {self.equations.where(self.place)}") from None
+            raise NoValueError(error.row, f"{what} at {self.equations.describe(self.point)}") from None
 
-    def reaches(self, order: int, most: Bound) -> bool:
-        """Return whether the rows up to the order have the ranks that they have at most; most: bound(order, columns) elsewhere."""
-        bare = replace(most, seen=None)
-        columns = self.width - len(most.seen or ())
-        return self.rank(order, most=bare, eliminated=columns).decided
+    def reaches(self, order: int, upper_bound: RankBound) -> bool:
+        """Return whether the rows up to the order have the ranks that they have at most; upper_bound: bound(order, columns) elsewhere."""
+        total_bound = replace(upper_bound, is_determined=None)
+        columns = self.n_columns - len(upper_bound.is_determined or ())
+        return self.rank(order, upper_bound=total_bound, n_eliminated=columns).is_decided

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from obsdesign.analysis.equations import Equations
-from obsdesign.analysis.evaluation_point import Place, random_residues
+from obsdesign.analysis.evaluation_point import EvaluationPoint, random_residues
 from obsdesign.rank.exact_numbers import Number, as_residue
 from obsdesign.rank.graph import Instruction, evaluate, instructions, supports_of
-from obsdesign.rank.residues import residues
+from obsdesign.rank.residues import modular_arithmetic
 from obsdesign.rank.symbol_relations import symbols_at
 from obsdesign.rank.symbols import NoSquareError, Symbols
 
@@ -17,7 +17,7 @@ _DRAWS = 4096
 """So many states are tried until every root exists: half of all numbers have one."""
 
 
-def residue_place(equations: Equations, seed: int | str) -> Place:
+def random_modular_point(equations: Equations, seed: int | str) -> EvaluationPoint:
     """Return a random state modulo the prime.
 
     Roots are taken in turn: where one does not exist, an entry that it depends on is drawn anew, and kept if the roots before still
@@ -25,26 +25,26 @@ def residue_place(equations: Equations, seed: int | str) -> Place:
     """
     n = equations.n
     if equations.is_rational:
-        return Place(tuple(random_residues(n, seed)), Symbols())
-    steps, constants = instructions(equations.everything), [as_residue(value) for value in equations.values]
+        return EvaluationPoint(tuple(random_residues(n, seed)), Symbols())
+    steps, constants = instructions(equations.all_expressions), [as_residue(value) for value in equations.values]
     supports = supports_of(steps)
     state = best = random_residues(n, f"{seed}")
     reached = -1
     for attempt in range(_DRAWS):
         try:
-            failed = _first_root_missing(steps, [[as_residue(value) for value in state], constants])
+            nonresidues = _first_root_missing(steps, [[as_residue(value) for value in state], constants])
         except ZeroDivisionError:
             state, reached = random_residues(n, f"{seed} {attempt}"), -1
             best = state
             continue
-        if failed is None:
-            return Place(tuple(state), symbols_at(equations.symbols_used, state, equations.values, free=False))
-        if not supports[failed]:  # a constant: no state changes it
+        if nonresidues is None:
+            return EvaluationPoint(tuple(state), symbols_at(equations.symbols_used, state, equations.values, has_free_roots=False))
+        if not supports[nonresidues]:  # a constant: no state changes it
             break
-        if failed >= reached:
-            best, reached = state, failed
+        if nonresidues >= reached:
+            best, reached = state, nonresidues
         state = _redrawn(best, sorted(supports[reached]), f"{seed} {attempt}")
-    return _with_free_roots(equations, random_residues(n, f"{seed}"))
+    return _point_with_free_roots(equations, random_residues(n, f"{seed}"))
 
 
 def _first_root_missing(steps: Sequence[Instruction], arguments: Sequence[Sequence[Any]]) -> int | None:
@@ -57,7 +57,7 @@ def _first_root_missing(steps: Sequence[Instruction], arguments: Sequence[Sequen
             yield step
 
     try:
-        evaluate(noted(), arguments, residues(Symbols()))
+        evaluate(noted(), arguments, modular_arithmetic(Symbols()))
     except NoSquareError:
         return len(passed) - 1
     return None
@@ -70,22 +70,22 @@ def _redrawn(state: Sequence[int], entries: Sequence[int], seed: str) -> list[in
     return [value if i == chosen else other for i, other in enumerate(state)]
 
 
-def residues_of(equations: Equations, state: Sequence[Number]) -> Place:
+def modular_point(equations: Equations, state: Sequence[Number]) -> EvaluationPoint:
     """Return a state (n,) of exact numbers modulo the prime."""
     numbers = [int(as_residue(value)) for value in state]
     if equations.is_rational:
-        return Place(tuple(numbers), Symbols())
+        return EvaluationPoint(tuple(numbers), Symbols())
     try:
-        symbols = symbols_at(equations.symbols_used, numbers, equations.values, free=False)
-        evaluate(instructions(equations.everything), _arguments(equations, numbers), residues(symbols))
+        symbols = symbols_at(equations.symbols_used, numbers, equations.values, has_free_roots=False)
+        evaluate(instructions(equations.all_expressions), _arguments(equations, numbers), modular_arithmetic(symbols))
     except NoSquareError:
-        return _with_free_roots(equations, numbers)
-    return Place(tuple(numbers), symbols)
+        return _point_with_free_roots(equations, numbers)
+    return EvaluationPoint(tuple(numbers), symbols)
 
 
 def _arguments(equations: Equations, state: Sequence[int]) -> list[list]:
     return [[as_residue(value) for value in group] for group in (state, equations.values)]
 
 
-def _with_free_roots(equations: Equations, state: Sequence[int]) -> Place:
-    return Place(tuple(state), symbols_at(equations.symbols_used, state, equations.values, free=True))
+def _point_with_free_roots(equations: Equations, state: Sequence[int]) -> EvaluationPoint:
+    return EvaluationPoint(tuple(state), symbols_at(equations.symbols_used, state, equations.values, has_free_roots=True))

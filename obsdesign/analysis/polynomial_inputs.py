@@ -25,23 +25,23 @@ class Polynomial:
     """Degree of the polynomials; 0 = constant."""
 
     def __post_init__(self) -> None:
-        require_count("degree", self.degree, least=0)
+        require_count("degree", self.degree, minimum=0)
 
 
-def augmented(model: Model, degree: int) -> Model:
+def augment(model: Model, degree: int) -> Model:
     """Return the model with state (x, w, w', ..., w^(degree)), where w^(degree + 1) = 0, and without unknown inputs."""
     p = len(model.unknown_inputs)
     levels = [[ca.SX.sym(_name(signal, level)) for signal in model.unknown_inputs] for level in range(degree + 1)]
     symbols = [ca.vertcat(*level) for level in levels]
-    added = p * (degree + 1)
+    n_added = p * (degree + 1)
     return replace(
         model,
         x=ca.vertcat(model.x, *symbols),
         states=model.states + tuple(Signal(_name(signal, level)) for level in range(degree + 1) for signal in model.unknown_inputs),
         drift=ca.vertcat(model.drift + model.G @ symbols[0], *symbols[1:], ca.SX.zeros(p)),
-        B=ca.vertcat(model.B, ca.SX(added, model.B.shape[1])),
+        B=ca.vertcat(model.B, ca.SX(n_added, model.B.shape[1])),
         unknown_inputs=(),
-        G=ca.SX(model.x.numel() + added, 0),
+        G=ca.SX(model.x.numel() + n_added, 0),
     )
 
 

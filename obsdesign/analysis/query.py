@@ -11,24 +11,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.analysis.at_point import finding_at, jets_at
-from obsdesign.analysis.engine_result import Finding
+from obsdesign.analysis.at_point import analyse_at, analyse_jets_at
+from obsdesign.analysis.engine_result import EngineResult
 from obsdesign.analysis.equations import Equations, equations_of
-from obsdesign.analysis.evaluation_point import Place, Surroundings, as_place, origin_of, random_fractions
+from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, origin_of, point_from, random_fractions
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.generic_rank import cap_of, generic_finding
-from obsdesign.analysis.jets import jets_finding
+from obsdesign.analysis.generic_rank import cap_if_known, generic_result
+from obsdesign.analysis.jets import jets_result
 from obsdesign.analysis.null_space_text import hidden_in_words
-from obsdesign.analysis.number_readings import AbstractQuestion, Answer, as_read, with_doubts
-from obsdesign.analysis.polynomial_inputs import Polynomial, augmented
-from obsdesign.analysis.rank_growth import growth_modulo, one_piece, require_value
+from obsdesign.analysis.number_readings import AbstractQuery, QueryResult, readings_text, verdict_over_readings
+from obsdesign.analysis.polynomial_inputs import Polynomial, augment
+from obsdesign.analysis.rank_growth import modular_growth, require_value, restrict_to_piece
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.errors import InputError
-from obsdesign.rank.exact_numbers import Meaning
-from obsdesign.rank.flint_lock import flint_alone
+from obsdesign.rank.exact_numbers import ExactNumber
+from obsdesign.rank.flint_lock import exclusive_flint
 
 KnownInputs = Literal["any", "smooth"]
 Disturbance = Literal["arbitrary"] | Polynomial
@@ -80,21 +80,21 @@ def observability_of(
     orders: int | None = None,
 ) -> Verdict:
     """Return the verdict for a model, such as some of a system's sensors: `system.model.only(names)`. See `observability`."""
-    _require_answerable(model, disturbance, known_inputs, method, orders, seed)
-    with flint_alone():
-        asked = augmented(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
-        place = None if at is None else _place(model, asked, at, seed)
-        question = _Question(model, asked, _as_held(held or {}), disturbance, known_inputs, seed, method, orders)
+    _validate_query(model, disturbance, known_inputs, method, orders, seed)
+    with exclusive_flint():
+        augmented_model = augment(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
+        point = None if at is None else _query_point(model, augmented_model, at, seed)
+        query = _ObservabilityQuery(model, augmented_model, _validate_held(held or {}), disturbance, known_inputs, seed, method, orders)
         given = [] if at is None else [float(value) for value in np.asarray(at, dtype=float)]
-        return with_doubts(question, place, given, seed)
+        return verdict_over_readings(query, point, given, seed)
 
 
 @dataclass(frozen=True, eq=False)
-class _Question(AbstractQuestion):
-    """What was asked but for the point; asked: the model with the unknown inputs of a polynomial disturbance as states."""
+class _ObservabilityQuery(AbstractQuery):
+    """What was asked but for the point; augmented_model: the model with the unknown inputs of a polynomial disturbance as states."""
 
     model: Model
-    asked: Model
+    augmented_model: Model
     held: Mapping[str, float]
     disturbance: Disturbance
     known_inputs: KnownInputs
@@ -102,70 +102,76 @@ class _Question(AbstractQuestion):
     method: Literal["recursion", "jets"]
     orders: int | None
 
-    def answer(self, place: Place | None, meaning: Callable[[float], Meaning]) -> Answer:
-        """Return the verdict at the place, or at generic points; meaning: what a constant of the model stands for."""
-        equations = equations_of(self.asked, self.held, origin_of(place) if place else None, meaning)
-        there = place.less(equations.origin) if place else None
-        return Answer(equations, there, *self._findings(equations, there))
+    def analyse(self, point: EvaluationPoint | None, reading: Callable[[float], ExactNumber]) -> QueryResult:
+        """Return the verdict at the place, or at generic points; reading: what a constant of the model stands for."""
+        equations = equations_of(self.augmented_model, self.held, origin_of(point) if point else None, reading)
+        relative_point = point.relative_to(equations.origin) if point else None
+        return QueryResult(equations, relative_point, *self._results(equations, relative_point))
 
-    def worded(self, answer: Answer) -> Verdict:
+    def verdict(self, query_result: QueryResult) -> Verdict:
         """Return the verdict, with the one nearby where it is another."""
-        equations, place, finding, nearby = answer.equations, answer.place, answer.finding, answer.nearby
-        state = equations.state_at(place).state if place else ()
-        read = (*equations.read, *zip(self.asked.state_names, state, strict=bool(state)))
-        singular = nearby is not None and not (finding.decided and finding.dimension == nearby.dimension)
-        verdict = self._worded(equations, finding, chosen=place is not None, singular=singular)
-        generic = self._worded(equations, nearby) if nearby and nearby.dimension != finding.dimension else None
-        return replace(verdict, proof=f"{verdict.proof}{as_read(read)}", generic=generic)
+        equations, point, result, nearby = query_result.equations, query_result.point, query_result.result, query_result.nearby
+        state = equations.original_state(point).state if point else ()
+        readings = (*equations.readings, *zip(self.augmented_model.state_names, state, strict=bool(state)))
+        is_singular = nearby is not None and not (result.is_decided and result.dimension == nearby.dimension)
+        verdict = self._verdict_of(equations, result, is_given_point=point is not None, is_singular=is_singular)
+        generic = self._verdict_of(equations, nearby) if nearby and nearby.dimension != result.dimension else None
+        return replace(verdict, proof=f"{verdict.proof}{readings_text(readings)}", generic=generic)
 
-    def _findings(self, equations: Equations, place: Place | None) -> tuple[Finding, Finding | None]:
+    def _results(self, equations: Equations, point: EvaluationPoint | None) -> tuple[EngineResult, EngineResult | None]:
         """Return what was found, and, where a point was asked for, what was found nearby."""
-        if place:
-            require_value(equations, place)
-            Experiments(equations, place, 2, seed=self.seed).rank(2)  # raises where a derivative has no value
-        around = Surroundings(equations.n, self.seed, place)
-        equations = one_piece(equations, around)
+        if point:
+            require_value(equations, point)
+            Experiments(equations, point, 2, seed=self.seed).rank(2)  # raises where a derivative has no value
+        region = SamplingRegion(equations.n, self.seed, point)
+        equations = restrict_to_piece(equations, region)
         smooth = self.known_inputs == "smooth"
         if self.method == "jets":
-            at_place = jets_at(equations, smooth, place, self.seed, self.orders) if place else _jets(equations, smooth, around, self.orders)
-            return at_place, None
-        nearby = generic_finding(equations, smooth, around)
-        if isinstance(self.disturbance, Polynomial) and self.asked is not self.model:
-            nearby = replace(nearby, at_most=f"{nearby.at_most}; {self._induction(self.disturbance, nearby)}")
-        return (finding_at(equations, smooth, place, nearby, self.seed), nearby) if place else (nearby, None)
+            at_point = (
+                analyse_jets_at(equations, smooth, point, self.seed, self.orders)
+                if point
+                else _jets_result(equations, smooth, region, self.orders)
+            )
+            return at_point, None
+        nearby = generic_result(equations, smooth, region)
+        if isinstance(self.disturbance, Polynomial) and self.augmented_model is not self.model:
+            nearby = replace(nearby, reason=f"{nearby.reason}; {self._induction_text(self.disturbance, nearby)}")
+        return (analyse_at(equations, smooth, point, nearby, self.seed), nearby) if point else (nearby, None)
 
-    def _induction(self, disturbance: Polynomial, finding: Finding) -> str:
+    def _induction_text(self, disturbance: Polynomial, result: EngineResult) -> str:
         """Say whether one degree more adds as many dimensions as there are unknown inputs: the step of Belo's induction."""
-        unknown = len(self.model.unknown_inputs)
-        higher = equations_of(augmented(self.model, disturbance.degree + 1), self.held)
-        higher = one_piece(higher, Surroundings(higher.n, self.seed))
-        added = growth_modulo(higher, self.seed).dimension - finding.dimension
-        holds = "holds" if added == unknown else "does not hold"
-        return f"one degree more adds {added} for {unknown} unknown input{'s' * (unknown > 1)}: the induction step {holds}"
+        n_unknown = len(self.model.unknown_inputs)
+        higher = equations_of(augment(self.model, disturbance.degree + 1), self.held)
+        higher = restrict_to_piece(higher, SamplingRegion(higher.n, self.seed))
+        n_gained = modular_growth(higher, self.seed).dimension - result.dimension
+        holds = "holds" if n_gained == n_unknown else "does not hold"
+        return f"one degree more adds {n_gained} for {n_unknown} unknown input{'s' * (n_unknown > 1)}: the induction step {holds}"
 
-    def _worded(self, equations: Equations, finding: Finding, *, chosen: bool = False, singular: bool = False) -> Verdict:
-        rank, n, states = finding.rank, len(self.asked.states), self.asked.state_names
-        at = equations.state_at(finding.place).midpoint
-        hidden = hidden_in_words(self.asked, rank.null_basis, at, chosen=chosen, singular=singular)
+    def _verdict_of(
+        self, equations: Equations, result: EngineResult, *, is_given_point: bool = False, is_singular: bool = False
+    ) -> Verdict:
+        rank, n, states = result.rank, len(self.augmented_model.states), self.augmented_model.state_names
+        at = equations.original_state(result.point).midpoint
+        hidden = hidden_in_words(self.augmented_model, rank.null_basis, at, is_given_point=is_given_point, is_singular=is_singular)
         return Verdict(
             dimension=rank.rank,
             observable=rank.rank == n,
-            observable_states=tuple(name for name, is_seen in zip(states, rank.seen, strict=True) if is_seen),
-            unobservable_states=tuple(name for name, is_seen in zip(states, rank.seen, strict=True) if not is_seen),
+            observable_states=tuple(name for name, is_seen in zip(states, rank.is_determined, strict=True) if is_seen),
+            unobservable_states=tuple(name for name, is_seen in zip(states, rank.is_determined, strict=True) if not is_seen),
             null_space=rank.null_space,
-            hidden=hidden if finding.decided else f"not decided, not seen so far: {hidden}",
-            ranks=finding.ranks,
+            hidden=hidden if result.is_decided else f"not decided, not seen so far: {hidden}",
+            ranks=result.ranks,
             disturbance=_disturbance_in_words(self.model, self.disturbance),
             known_inputs=self.known_inputs,
             at=at,
-            stopped_by=finding.stopped_by,
-            decided=finding.decided,
-            proof=finding.proof(n),
+            stopped_by=result.stopped_by,
+            decided=result.is_decided,
+            proof=result.proof(n),
         )
 
 
-def _jets(equations: Equations, smooth: bool, around: Surroundings, orders: int | None) -> Finding:
-    return jets_finding(equations, smooth, around, cap_of(equations, around), orders=orders)
+def _jets_result(equations: Equations, smooth: bool, region: SamplingRegion, orders: int | None) -> EngineResult:
+    return jets_result(equations, smooth, region, cap_if_known(equations, region), orders=orders)
 
 
 def _disturbance_in_words(model: Model, disturbance: Disturbance) -> str:
@@ -174,15 +180,15 @@ def _disturbance_in_words(model: Model, disturbance: Disturbance) -> str:
     return f"polynomial of degree {disturbance.degree}" if isinstance(disturbance, Polynomial) else "arbitrary"
 
 
-def _place(model: Model, asked: Model, at: ArrayLike, seed: int) -> Place:
+def _query_point(model: Model, augmented_model: Model, at: ArrayLike, seed: int) -> EvaluationPoint:
     """Return the point; where it names x alone and the unknown inputs are states, these are drawn."""
-    if asked is not model and np.shape(at) == (len(model.states),):
-        drawn = random_fractions(len(asked.states) - len(model.states), f"{seed} unknown inputs")
-        return Place((*as_place(model.state_names, at).state, *drawn))
-    return as_place(asked.state_names, at)
+    if augmented_model is not model and np.shape(at) == (len(model.states),):
+        input_values = random_fractions(len(augmented_model.states) - len(model.states), f"{seed} unknown inputs")
+        return EvaluationPoint((*point_from(model.state_names, at).state, *input_values))
+    return point_from(augmented_model.state_names, at)
 
 
-def _require_answerable(model: Model, disturbance: object, known_inputs: object, method: object, orders: int | None, seed: int) -> None:
+def _validate_query(model: Model, disturbance: object, known_inputs: object, method: object, orders: int | None, seed: int) -> None:
     if not (disturbance == "arbitrary" or isinstance(disturbance, Polynomial)):
         raise InputError(f"disturbance is {disturbance!r}: must be 'arbitrary' or Polynomial(degree)")
     if known_inputs not in ("any", "smooth"):
@@ -193,12 +199,12 @@ def _require_answerable(model: Model, disturbance: object, known_inputs: object,
         raise InputError(f"orders is {orders!r}: goes with method='jets' alone")
     if orders is not None:
         require_count("orders", orders)
-    require_count("seed", seed, least=0)
+    require_count("seed", seed, minimum=0)
     if not model.channels:
         raise InputError("the system has no sensors: nothing can be seen without one")
 
 
-def _as_held(held: Mapping[str, float]) -> dict[str, float]:
+def _validate_held(held: Mapping[str, float]) -> dict[str, float]:
     for name, value in held.items():
         if not (isinstance(value, Real) and math.isfinite(value)):
             raise InputError(f"held: {name} is {value!r}: must be a finite number")

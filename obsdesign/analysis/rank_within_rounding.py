@@ -16,64 +16,76 @@ from fractions import Fraction
 import flint
 
 from obsdesign.analysis.equations import Equations
-from obsdesign.analysis.evaluation_point import Place
+from obsdesign.analysis.evaluation_point import EvaluationPoint
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.modular_points import residue_place
+from obsdesign.analysis.modular_points import random_modular_point
 from obsdesign.analysis.vanishing_minors import Eliminated, Point, Rounded, leading, vanishing
-from obsdesign.rank.decimal_reading import ROUNDINGS, is_exact, is_residue
+from obsdesign.rank.decimal_reading import MAX_ULPS, is_exact, is_residue
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.pivoting import Rows, holds_rank, pivots_of, scales_of
 
-SMALL = 1e-9
+SMALL_PIVOT = 1e-9
 """Pivots below this, relative to rows and columns scaled to 1, may be of the size of rounding errors of doubles."""
 _BITS, _FEWER_BITS = 768, 384
-_ORDERS, _FEW = 40, 8  # derivatives that are taken: 2 n + 12 of them where the states are few
+_MAX_ORDER, _FEW_STATES = 40, 8  # derivatives that are taken: 2 n + 12 of them where the states are few
 _SEARCHED = 3e7  # multiplications, some 5 s: a point whose coordinates alone may be rounded is looked for within these
-_LEFT_OVER = (1e-20, 1e-12)  # a long number of this size may be what is left of 0 where numbers of size 1e-4 to 1e4 cancel
+_CANCELLATION_RANGE = (1e-20, 1e-12)  # a long number of this size may be what is left of 0 where numbers of size 1e-4 to 1e4 cancel
 
 
 @dataclass(frozen=True, eq=False)
-class Neighbour:
+class RoundingNeighbour:
     """The rank at a point within rounding, and whether constants differ there."""
 
     rank: Rank
-    by_constants: bool
+    moves_constants: bool
 
 
-def rounded_constants(equations: Equations) -> list[Rounded]:
+def constants_within_rounding(equations: Equations) -> list[Rounded]:
     """Return the constants of the model that may have been rounded."""
-    return [Rounded(True, equations.values.index(number), _distance(value)) for value, number in equations.read if not is_exact(value)]
+    return [
+        Rounded(True, equations.values.index(number), _rounding_distance(value))
+        for value, number in equations.readings
+        if not is_exact(value)
+    ]
 
 
-def rounded_states(at: Sequence[float]) -> list[Rounded]:
+def states_within_rounding(at: Sequence[float]) -> list[Rounded]:
     """Return the entries of a point (n,) that may have been rounded."""
-    return [Rounded(False, i, _distance(value)) for i, value in enumerate(at) if not is_exact(value)]
+    return [Rounded(False, i, _rounding_distance(value)) for i, value in enumerate(at) if not is_exact(value)]
 
 
-def _distance(value: float) -> Fraction:
-    cancelled = is_residue(value) or _LEFT_OVER[0] < abs(value) < _LEFT_OVER[1]
-    return Fraction(abs(value)) if cancelled else ROUNDINGS * Fraction(math.ulp(value))
+def _rounding_distance(value: float) -> Fraction:
+    is_cancellation = is_residue(value) or _CANCELLATION_RANGE[0] < abs(value) < _CANCELLATION_RANGE[1]
+    return Fraction(abs(value)) if is_cancellation else MAX_ULPS * Fraction(math.ulp(value))
 
 
-def neighbour_within(equations: Equations, place: Place, numbers: Sequence[Rounded], rank: int, order: int, seed: int) -> Neighbour | None:
+def neighbour_within_rounding(
+    equations: Equations, point: EvaluationPoint, numbers: Sequence[Rounded], rank: int, order: int, seed: int
+) -> RoundingNeighbour | None:
     """Return another rank at a point within rounding; None where there is none, or none is found.
 
     rank, order: the rank at the place, and the order of derivatives at which it was reached. The rank of what is asked about is
     rank J - rank J_w: it is lower where J loses a pivot, and higher where J_w does, so that a row of J is free of unknown inputs.
     """
-    full = rank == equations.asked
-    orders = min(2 * equations.n + 12 if equations.n <= _FEW else max(order, equations.n) + 1, _ORDERS)
-    at = Point(Experiments(equations, place, orders, 2 if equations.known else 1, seed))
+    is_full = rank == equations.n_queried
+    orders = min(2 * equations.n + 12 if equations.n <= _FEW_STATES else max(order, equations.n) + 1, _MAX_ORDER)
+    nominal = Point(Experiments(equations, point, orders, 2 if equations.known_fields else 1, seed))
     with flint.ctx.workprec(_BITS // 4):
-        box = Point(replace(at.experiments, orders=order)).within(numbers)
-        keeps_rank = _at_least(box, rank)
-        if keeps_rank and (full or _keeps_inputs(at, at.within(numbers))):
+        enclosure = Point(replace(nominal.experiments, orders=order)).within(numbers)
+        keeps_rank = _has_rank_at_least(enclosure, rank)
+        if keeps_rank and (is_full or _keeps_input_rank(nominal, nominal.within(numbers))):
             return None
     with flint.ctx.workprec(_BITS):
-        box = at.within(numbers)
-        searched = any(number.is_constant for number in numbers) or _operations(at, numbers) <= _SEARCHED
-        lower = _lower(at, box, numbers, rank, order) if searched and not keeps_rank and not _at_least(box, rank) else None
-        return lower or (None if full or _keeps_inputs(at, box) else _higher(at, box, numbers, rank))
+        enclosure = nominal.within(numbers)
+        searched = any(number.is_constant for number in numbers) or _operations(nominal, numbers) <= _SEARCHED
+        lower = (
+            _neighbour_of_lower_rank(nominal, enclosure, numbers, rank, order)
+            if searched and not keeps_rank and not _has_rank_at_least(enclosure, rank)
+            else None
+        )
+        return lower or (
+            None if is_full or _keeps_input_rank(nominal, enclosure) else _neighbour_of_higher_rank(nominal, enclosure, numbers, rank)
+        )
 
 
 def _operations(at: Point, numbers: Sequence[Rounded]) -> int:
@@ -82,19 +94,23 @@ def _operations(at: Point, numbers: Sequence[Rounded]) -> int:
     return len(numbers) * experiments.count * experiments.orders**2 * experiments.equations.n**2
 
 
-def _lower(at: Point, box: Point, numbers: Sequence[Rounded], rank: int, order: int) -> Neighbour | None:
+def _neighbour_of_lower_rank(
+    nominal: Point, enclosure: Point, numbers: Sequence[Rounded], rank: int, order: int
+) -> RoundingNeighbour | None:
     """Return the rank where a pivot of J vanishes.
 
     Derivatives of the lowest orders that show the rank are looked at first: where their rank is lower nowhere, that of more is not.
     """
     with flint.ctx.workprec(_FEWER_BITS):
-        if not _may_be_lower(at, numbers, rank, order):
+        if not _may_be_lower(nominal, numbers, rank, order):
             return None
-    eliminated = _eliminated(at, box, rank)
-    for there, kept, by_constants in vanishing(at, numbers, eliminated, at.width) if eliminated else ():
-        remaining = [there[i] for i, _ in kept]
-        smaller = rank_of(lambda rows=remaining: rows, at.width - at.eliminated, at.eliminated, confirmed=False, precisions=(_BITS,))
-        return Neighbour(smaller, by_constants)
+    eliminated = _eliminated(nominal, enclosure, rank)
+    for perturbed, pivot_positions, moves_constants in vanishing(nominal, numbers, eliminated, nominal.width) if eliminated else ():
+        remaining = [perturbed[i] for i, _ in pivot_positions]
+        lower_rank = rank_of(
+            lambda rows=remaining: rows, nominal.width - nominal.eliminated, nominal.eliminated, confirm=False, precisions=(_BITS,)
+        )
+        return RoundingNeighbour(lower_rank, moves_constants)
     return None
 
 
@@ -116,65 +132,65 @@ def _eliminated(at: Point, box: Point, rank: int) -> Eliminated | None:
     if not _are_finite(rows):
         return None
     scales = scales_of(rows)
-    pivots = pivots_of(scales.of(at.rows()), at.eliminated)
+    pivots = pivots_of(scales.apply(at.rows()), at.eliminated)
     if sum(j >= at.eliminated for _, (_, j) in pivots) < rank:
         return None
-    least = sum(j < at.eliminated or size > SMALL for size, (_, j) in pivots)
+    least = sum(j < at.eliminated or size > SMALL_PIVOT for size, (_, j) in pivots)
     return Eliminated(scales, [pivot for _, pivot in pivots], least)
 
 
-def _higher(at: Point, box: Point, numbers: Sequence[Rounded], rank: int) -> Neighbour | None:
+def _neighbour_of_higher_rank(nominal: Point, enclosure: Point, numbers: Sequence[Rounded], rank: int) -> RoundingNeighbour | None:
     """Return the rank where a pivot of J_w vanishes, if it is higher there.
 
     Columns of J_w without a pivot are combinations of those with one where the rest of J_w vanishes: they are left out.
     """
-    rows = box.rows_as_balls()
+    rows = enclosure.rows_as_balls()
     if not _are_finite(rows):
         return None
-    inputs = at.eliminated
-    scales = scales_of([row[:inputs] for row in rows])
-    pivots = pivots_of(scales.of(leading(at.rows(), inputs)), inputs)
-    eliminated = Eliminated(scales, [pivot for _, pivot in pivots], sum(size > SMALL for size, _ in pivots))
-    for there, kept, by_constants in vanishing(at, numbers, eliminated, inputs):
-        reduced = [[row[j] for _, j in kept] + row[inputs:] for row in there]
-        larger = rank_of(lambda rows=reduced: rows, at.width - inputs, len(kept), confirmed=False, precisions=(_BITS,))
-        if larger.rank > rank:
-            return Neighbour(larger, by_constants)
+    n_inputs = nominal.eliminated
+    scales = scales_of([row[:n_inputs] for row in rows])
+    pivots = pivots_of(scales.apply(leading(nominal.rows(), n_inputs)), n_inputs)
+    eliminated = Eliminated(scales, [pivot for _, pivot in pivots], sum(size > SMALL_PIVOT for size, _ in pivots))
+    for perturbed, pivot_positions, moves_constants in vanishing(nominal, numbers, eliminated, n_inputs):
+        reduced = [[row[j] for _, j in pivot_positions] + row[n_inputs:] for row in perturbed]
+        higher_rank = rank_of(lambda rows=reduced: rows, nominal.width - n_inputs, len(pivot_positions), confirm=False, precisions=(_BITS,))
+        if higher_rank.rank > rank:
+            return RoundingNeighbour(higher_rank, moves_constants)
     return None
 
 
-def _at_least(points: Point, rank: int) -> bool:
+def _has_rank_at_least(points: Point, rank: int) -> bool:
     """Return whether the rank of what is asked about is at least so much at all of the points, by proof."""
     return _rank_at_least(points.rows_as_balls(), points.eliminated, rank)
 
 
-def _keeps_inputs(at: Point, points: Point) -> bool:
+def _keeps_input_rank(at: Point, points: Point) -> bool:
     """Return whether the rank of J_w is nowhere less than at the point, by proof."""
     if not points.eliminated:
         return True
     rows = leading(points.rows_as_balls(), points.eliminated)
     if _are_finite(rows) and holds_rank(rows, _most_inputs(at.experiments)):
         return True
-    middle = [[entry.mid() for entry in row] for row in rows]
-    most = rank_of(lambda: middle, points.eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank
-    return _rank_at_least(rows, 0, most)
+    midpoints = [[entry.mid() for entry in row] for row in rows]
+    midpoint_rank = rank_of(lambda: midpoints, points.eliminated, confirm=False, precisions=(flint.ctx.prec,)).rank
+    return _rank_at_least(rows, 0, midpoint_rank)
 
 
 def _most_inputs(experiments: Experiments) -> int:
     """Return what the rank of J_w is at most with these constants (modulo the prime)."""
     try:
-        there = residue_place(experiments.equations, experiments.seed)
-        return replace(experiments, place=there).bound(experiments.orders).eliminated
+        there = random_modular_point(experiments.equations, experiments.seed)
+        return replace(experiments, point=there).bound(experiments.orders).n_eliminated
     except ZeroDivisionError:  # a pole
-        return experiments.eliminated
+        return experiments.n_eliminated
 
 
-def _rank_at_least(rows: Rows, eliminated: int, rank: int) -> bool:
+def _rank_at_least(rows: Rows, n_eliminated: int, rank: int) -> bool:
     if not _are_finite(rows):
         return False
-    if not eliminated and holds_rank(rows, rank):
+    if not n_eliminated and holds_rank(rows, rank):
         return True
-    return rank_of(lambda: rows, len(rows[0]) - eliminated, eliminated, confirmed=False, precisions=(flint.ctx.prec,)).rank >= rank
+    return rank_of(lambda: rows, len(rows[0]) - n_eliminated, n_eliminated, confirm=False, precisions=(flint.ctx.prec,)).rank >= rank
 
 
 def _are_finite(rows: Rows) -> bool:

@@ -11,12 +11,12 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.analysis.equations import Equations
-from obsdesign.analysis.evaluation_point import Place
+from obsdesign.analysis.evaluation_point import EvaluationPoint
 
-LARGEST = 8.0
+MODERATE_SIZE = 8.0
 """Arguments of exp, tanh, erf and exponents of powers up to this size are moderate."""
 _SWEEPS = 6  # over all coordinates at most: more only cost time where none helps
-_UNDEFINED = 1e6  # above the sum over a thousand arguments, as log(1 + a) of a double is at most 710
+_UNDEFINED_PENALTY = 1e6  # above the sum over a thousand arguments, as log(1 + a) of a double is at most 710
 # _SCALES: 1e-12 to 1e12, the mildest first: by how much coordinates are scaled; more of them cost time
 _SCALES = 2.0 ** np.array(sorted(range(-40, 41), key=abs))
 _ZOOMS = 4  # grids, one after the other, each an eighth as wide as the one before
@@ -26,44 +26,44 @@ _GRID = np.linspace(-1, 1, 33)
 Excess = Callable[[np.ndarray], np.ndarray]  # states (n, k) -> (k,)
 
 
-def moderate(equations: Equations, place: Place) -> Place:
+def desaturate(equations: Equations, point: EvaluationPoint) -> EvaluationPoint:
     """Return the place, moved coordinate by coordinate to where the arguments of steep functions are moderate, as far as possible.
 
     What is lessened is the sum over arguments a of log(1 + max(|a| - LARGEST, 0)), and _UNDEFINED more where something has no value.
     """
     if equations.is_rational or equations.symbols_used.steepness.size1_out(0) == 0:
-        return place
+        return point
     constants = [float(value) for value in equations.values]
-    functions = (equations.symbols_used.steepness, equations.everything)
+    functions = (equations.symbols_used.steepness, equations.all_expressions)
 
     def excess(states: np.ndarray) -> np.ndarray:
         return _excess(functions, states, constants)
 
-    state = np.array([float(value) for value in place.state])
-    least = float(excess(state[:, None])[0])
-    if least in (0.0, _UNDEFINED) or not math.isfinite(least):  # moderate, or outside a domain that has nothing to do with size
-        return place
+    state = np.array([float(value) for value in point.state])
+    lowest = float(excess(state[:, None])[0])
+    if lowest in (0.0, _UNDEFINED_PENALTY) or not math.isfinite(lowest):  # moderate, or outside a domain that has nothing to do with size
+        return point
     for _ in range(_SWEEPS):
-        before = least
+        previous = lowest
         for move in range(1 + 2 * len(state)):
             candidates = _candidates(state, move, excess)
             sizes = excess(candidates)
             best = int(np.argmin(sizes))
-            if sizes[best] < least:
-                state, least = candidates[:, best], float(sizes[best])
-        if least in (0.0, before):
+            if sizes[best] < lowest:
+                state, lowest = candidates[:, best], float(sizes[best])
+        if lowest in (0.0, previous):
             break
-    return replace(place, state=tuple(Fraction(float(value)) for value in state))
+    return replace(point, state=tuple(Fraction(float(value)) for value in state))
 
 
 def _excess(functions: Sequence[ca.Function], states: np.ndarray, constants: Sequence[float]) -> np.ndarray:
     """Return for every column of states (n, k) how far it is from moderate (k,)."""
-    every = np.tile(np.array(constants).reshape(-1, 1), (1, states.shape[1]))
-    steep, values = (np.array(function(states, every)) for function in functions)
+    constant_columns = np.tile(np.array(constants).reshape(-1, 1), (1, states.shape[1]))
+    steep, values = (np.array(function(states, constant_columns)) for function in functions)
     with np.errstate(invalid="ignore", over="ignore"):
-        total = np.log1p(np.maximum(np.abs(steep) - LARGEST, 0)).sum(axis=0)
+        total = np.log1p(np.maximum(np.abs(steep) - MODERATE_SIZE, 0)).sum(axis=0)
     total = np.where(np.isnan(total), np.inf, total)
-    return np.where(np.isnan(values).any(axis=0), total + _UNDEFINED, total)
+    return np.where(np.isnan(values).any(axis=0), total + _UNDEFINED_PENALTY, total)
 
 
 def _candidates(state: np.ndarray, move: int, excess: Excess) -> np.ndarray:
@@ -72,18 +72,18 @@ def _candidates(state: np.ndarray, move: int, excess: Excess) -> np.ndarray:
         return state[:, None] * _SCALES
     i = (move - 1) % len(state)
     if move > len(state):
-        return _zoomed(state, i, excess)
-    every = np.tile(state[:, None], (1, 2 * len(_SCALES)))
-    every[i] = state[i] * np.concatenate([_SCALES, -_SCALES])
-    return every
+        return _grid_zoom(state, i, excess)
+    candidates = np.tile(state[:, None], (1, 2 * len(_SCALES)))
+    candidates[i] = state[i] * np.concatenate([_SCALES, -_SCALES])
+    return candidates
 
 
-def _zoomed(state: np.ndarray, i: int, excess: Excess) -> np.ndarray:
+def _grid_zoom(state: np.ndarray, i: int, excess: Excess) -> np.ndarray:
     """Return candidates with coordinate i at the best of finer and finer grids about its value."""
-    centre, width, found = state[i], 4 * abs(state[i]) + 1, []
+    centre, width, grids = state[i], 4 * abs(state[i]) + 1, []
     for _ in range(_ZOOMS):
-        every = np.tile(state[:, None], (1, len(_GRID)))
-        every[i] = centre + width * _GRID
-        centre, width = every[i, int(np.argmin(excess(every)))], width / 8
-        found.append(every)
-    return np.hstack(found)
+        candidates = np.tile(state[:, None], (1, len(_GRID)))
+        candidates[i] = centre + width * _GRID
+        centre, width = candidates[i, int(np.argmin(excess(candidates)))], width / 8
+        grids.append(candidates)
+    return np.hstack(grids)

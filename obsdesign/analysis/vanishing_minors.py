@@ -11,7 +11,7 @@ from flint import arb, arb_mat
 
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.rank.exact_numbers import Number, as_ball
-from obsdesign.rank.pivoting import Complement, Pivots, Rows, Scales, complement_of
+from obsdesign.rank.pivoting import Complement, Pivots, RowColumnScales, Rows, complement_of
 
 _STEP = 96  # of differences: 2^-96 of the distance
 _VANISHED = 1e-6  # of what was left: Newton's method leaves its square
@@ -31,7 +31,7 @@ class Rounded:
 class Eliminated:
     """Pivots of some columns of J scaled; those from `least` on may be rounding."""
 
-    scales: Scales
+    scales: RowColumnScales
     pivots: Pivots
     least: int
 
@@ -44,11 +44,11 @@ class Point:
 
     @property
     def eliminated(self) -> int:
-        return self.experiments.eliminated
+        return self.experiments.n_eliminated
 
     @property
     def width(self) -> int:
-        return self.experiments.width
+        return self.experiments.n_columns
 
     def rows_as_balls(self) -> Rows:
         """Return J."""
@@ -60,14 +60,14 @@ class Point:
 
     def moved(self, numbers: Sequence[Rounded], steps: Sequence[Number]) -> Point:
         """Return the point with the steps added to the numbers."""
-        equations, place = self.experiments.equations, self.experiments.place
+        equations, place = self.experiments.equations, self.experiments.point
         values: list[Number] = [*equations.values]
         state: list[Number] = [*place.state]
         for number, step in zip(numbers, steps, strict=True):
             entries = values if number.is_constant else state
             entries[number.index] = as_ball(entries[number.index]) + as_ball(step)
         constants = replace(equations, values=tuple(values))
-        return Point(replace(self.experiments, equations=constants, place=replace(place, state=tuple(state))))
+        return Point(replace(self.experiments, equations=constants, point=replace(place, state=tuple(state))))
 
     def within(self, numbers: Sequence[Rounded]) -> Point:
         """Return all points within rounding, as balls."""
@@ -78,7 +78,7 @@ def vanishing(at: Point, numbers: Sequence[Rounded], eliminated: Eliminated, wid
     """Yield J at the points within rounding where what some of the pivots leave of its first columns vanishes, these pivots, and whether
     constants differ there; states are moved first."""
     scales, pivots = eliminated.scales, eliminated.pivots
-    J = scales.of(leading(at.rows(), width))
+    J = scales.apply(leading(at.rows(), width))
     first = complement_of(J, pivots[: eliminated.least]) if eliminated.least < len(pivots) else None
     if first is None:
         return
@@ -90,12 +90,12 @@ def vanishing(at: Point, numbers: Sequence[Rounded], eliminated: Eliminated, wid
             steps = _steps(complement, first, [changes[number] for number in chosen]) if complement and chosen else None
             if complement and steps:
                 there = at.moved(chosen, [number.distance * Fraction(step) for number, step in zip(chosen, steps, strict=True)])
-                after = complement_of(scales.of(leading(there.rows(), width)), pivots[:count])
+                after = complement_of(scales.apply(leading(there.rows(), width)), pivots[:count])
                 if after and after.size < _VANISHED * complement.size:
                     yield there.rows_as_balls(), pivots[:count], any(number.is_constant for number in chosen)
 
 
-def _changes(at: Point, numbers: Sequence[Rounded], scales: Scales, complement: Complement) -> Iterator[arb_mat]:
+def _changes(at: Point, numbers: Sequence[Rounded], scales: RowColumnScales, complement: Complement) -> Iterator[arb_mat]:
     """Yield for every number the change dJ right, to first order, as it is off by its distance; J scaled."""
     directions = scales.of_directions(complement.right.tolist())
     beyond = [[arb(0)] * complement.right.ncols() for _ in range(at.width - len(directions))]

@@ -51,23 +51,23 @@ def as_landmarks(what: str, points: Any) -> tuple[Point, ...] | None:  # noqa: A
         return None
     if not isinstance(points, Iterable):
         raise InputError(f"{what} is {points!r}: must be points (x, y), or None for those that the sensors look at")
-    found = tuple(as_pair(f"{what}[{i}]", point) for i, point in enumerate(points))
-    if not found:
+    landmarks = tuple(as_pair(f"{what}[{i}]", point) for i, point in enumerate(points))
+    if not landmarks:
         raise InputError(f"{what} is {points!r}: must be at least one point (None = those that the sensors look at)")
-    return found
+    return landmarks
 
 
-def spelled(*numbers: float) -> str:
+def format_numbers(*numbers: float) -> str:
     """Return a number as 2.5, a point as (2.5, 0), without rounding it visibly."""
     texts = [f"{number:.10g}" for number in numbers]
     return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
 
 
-def spelled_points(points: Iterable[Point]) -> str:
+def format_points(points: Iterable[Point]) -> str:
     """Return points as (0, 0), (2.5, 0)."""
-    return ", ".join(spelled(*point) for point in points)
+    return ", ".join(format_numbers(*point) for point in points)
 
 
-def spelled_window(first: float, last: float | None) -> str:
+def format_window(first: float, last: float | None) -> str:
     """Return when a constraint holds in words: "from 3 s to the end"."""
-    return f"from {spelled(first)} s to {'the end' if last is None else f'{spelled(last)} s'}"
+    return f"from {format_numbers(first)} s to {'the end' if last is None else f'{format_numbers(last)} s'}"

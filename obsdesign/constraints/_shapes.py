@@ -9,17 +9,17 @@ from obsdesign.geometry import half_planes, polygon_size
 from obsdesign.moment import Coordinate, Moment
 from obsdesign.signals import Point
 
-_SOFT = 1e-3  # share of a disc's radius over which the tip of the distance is rounded
-_BLEND = 0.02  # share of a polygon's size over which its edges blend into each other
+_ROUNDING_SHARE = 1e-3  # share of a disc's radius over which the tip of the distance is rounded
+_BLEND_SHARE = 0.02  # share of a polygon's size over which its edges blend into each other
 
 
-def beyond(squared: Coordinate, radius: float) -> Coordinate:
+def smooth_excess(squared: Coordinate, radius: float) -> Coordinate:
     """Return how far outside a circle a point lies, sqrt(squared + s^2) - sqrt(radius^2 + s^2), from its squared distance to the centre.
 
     s = radius / 1000. The sign is exactly that of d - radius. The rounding by s gives it a derivative at the centre, where it is
     off by s; from radius / 2 outwards it is d - radius to 1e-6 radius.
     """
-    soft = (_SOFT * radius) ** 2
+    soft = (_ROUNDING_SHARE * radius) ** 2
     # a power, not sqrt: floats, arrays and SX all have it
     return (squared + soft) ** 0.5 - (radius * radius + soft) ** 0.5
 
@@ -27,7 +27,7 @@ def beyond(squared: Coordinate, radius: float) -> Coordinate:
 def outside_disc(moment: Moment, centre: Point, radius: float) -> Coordinate:
     """Return (|position - centre| - radius) / radius, rounded at the centre."""
     east, north = moment.state["x"] - centre[0], moment.state["y"] - centre[1]
-    return beyond(east * east + north * north, radius) / radius
+    return smooth_excess(east * east + north * north, radius) / radius
 
 
 def within_angle(angle: Coordinate, centre: float, half: float) -> Coordinate:
@@ -37,25 +37,25 @@ def within_angle(angle: Coordinate, centre: float, half: float) -> Coordinate:
     radius c(half) on the unit circle. Its slope at the edge is 1 / half; opposite to the centre the slope is 0.
     """
     sine = _functions_of(angle).sin((angle - centre) / 2)
-    return -beyond(4 * sine * sine, 2 * math.sin(half / 2)) / (half * math.cos(half / 2))
+    return -smooth_excess(4 * sine * sine, 2 * math.sin(half / 2)) / (half * math.cos(half / 2))
 
 
-def beyond_edges(moment: Moment, corners: Sequence[Point]) -> list[Coordinate]:
+def edge_distances(moment: Moment, corners: Sequence[Point]) -> list[Coordinate]:
     """Return the signed distance [m] from the line of every edge of a convex polygon, positive outside."""
     normals, offsets = half_planes(corners)
     x, y = moment.state["x"], moment.state["y"]
     return [east * x + north * y - offset for (east, north), offset in zip(normals, offsets, strict=True)]
 
 
-def inside_edges(moment: Moment, corners: Sequence[Point]) -> list[Coordinate]:
+def polygon_margins(moment: Moment, corners: Sequence[Point]) -> list[Coordinate]:
     """Return a margin per edge: how far inside its line the position lies, as a share of the polygon's size."""
     size = polygon_size(corners)
-    return [-distance / size for distance in beyond_edges(moment, corners)]
+    return [-distance / size for distance in edge_distances(moment, corners)]
 
 
 def widening(corners: Sequence[Point]) -> float:
     """Return by how much `outside_polygon` widens a polygon of m edges at most [m]: 0.02 size log m."""
-    return _BLEND * polygon_size(corners) * math.log(len(corners))
+    return _BLEND_SHARE * polygon_size(corners) * math.log(len(corners))
 
 
 def outside_polygon(moment: Moment, corners: Sequence[Point]) -> Coordinate:
@@ -65,11 +65,11 @@ def outside_polygon(moment: Moment, corners: Sequence[Point]) -> Coordinate:
     distance. The largest s_i is taken out of the exponents, which then do not overflow; its derivatives cancel.
     """
     size = polygon_size(corners)
-    distances = beyond_edges(moment, corners)
+    distances = edge_distances(moment, corners)
     functions = _functions_of(distances[0])
     largest = _largest(distances)
-    total = sum(functions.exp((distance - largest) / (_BLEND * size)) for distance in distances)
-    return (largest + _BLEND * size * functions.log(total) - widening(corners)) / size
+    total = sum(functions.exp((distance - largest) / (_BLEND_SHARE * size)) for distance in distances)
+    return (largest + _BLEND_SHARE * size * functions.log(total) - widening(corners)) / size
 
 
 def _largest(values: Sequence[Coordinate]) -> Coordinate:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
-from obsdesign.constraints._shapes import beyond
+from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, format_numbers, format_points
+from obsdesign.constraints._shapes import smooth_excess
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.geometry import circle_through
 from obsdesign.signals import Point
@@ -38,9 +38,9 @@ class CircleClearance(AbstractConstraint):
             circle_through(self.landmarks)
 
     def __str__(self) -> str:
-        which = "the landmarks" if self.landmarks is None else spelled_points(self.landmarks)
-        moving = f"moving from it by that much in {spelled(self.time_scale)} s"
-        return f"CircleClearance: at least {spelled(self.clearance)} m from the circle through {which}, or {moving}"
+        which = "the landmarks" if self.landmarks is None else format_points(self.landmarks)
+        moving = f"moving from it by that much in {format_numbers(self.time_scale)} s"
+        return f"CircleClearance: at least {format_numbers(self.clearance)} m from the circle through {which}, or {moving}"
 
     @property
     def span(self) -> Span:
@@ -57,6 +57,6 @@ class CircleClearance(AbstractConstraint):
     def margins(self, moment: Moment) -> list[Coordinate]:
         (x, y), radius = circle_through(moment.landmarks if self.landmarks is None else self.landmarks)
         east, north = moment.state["x"] - x, moment.state["y"] - y
-        off = beyond(east * east + north * north, radius)
+        off = smooth_excess(east * east + north * north, radius)
         leaving = self.time_scale * (east * moment.rate["x"] + north * moment.rate["y"]) / (radius + off)
-        return [beyond(off * off + leaving * leaving, self.clearance) / self.clearance]
+        return [smooth_excess(off * off + leaving * leaving, self.clearance) / self.clearance]

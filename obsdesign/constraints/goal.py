@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
-from obsdesign.constraints._given import LENGTH, as_size, spelled
+from obsdesign.constraints._given import LENGTH, as_size, format_numbers
 from obsdesign.constraints._shapes import outside_disc
 from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
@@ -31,7 +31,7 @@ class Goal(AbstractConstraint):
         object.__setattr__(self, "tolerance", as_size("goal: tolerance", self.tolerance))
 
     def __str__(self) -> str:
-        return f"Goal: within {spelled(self.tolerance)} m of {spelled(*self.point)}"
+        return f"Goal: within {format_numbers(self.tolerance)} m of {format_numbers(*self.point)}"
 
     @property
     def span(self) -> Span:

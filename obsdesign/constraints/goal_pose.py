@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
-from obsdesign.constraints._given import as_angle, as_half_angle, as_size, spelled
+from obsdesign.constraints._given import as_angle, as_half_angle, as_size, format_numbers
 from obsdesign.constraints._shapes import outside_disc, within_angle
 from obsdesign.constraints.abstract import AT_END, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
@@ -39,8 +39,8 @@ class GoalPose(AbstractConstraint):
         object.__setattr__(self, "heading_tolerance", as_half_angle("goal_pose: heading_tolerance", self.heading_tolerance))
 
     def __str__(self) -> str:
-        place = f"within {spelled(self.tolerance)} m of {spelled(*self.point)}"
-        return f"GoalPose: {place}, heading {spelled(self.heading)} +- {spelled(self.heading_tolerance)} rad"
+        place = f"within {format_numbers(self.tolerance)} m of {format_numbers(*self.point)}"
+        return f"GoalPose: {place}, heading {format_numbers(self.heading)} +- {format_numbers(self.heading_tolerance)} rad"
 
     @property
     def span(self) -> Span:

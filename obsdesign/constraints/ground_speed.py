@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.constraints._given import SPEED, as_size, spelled
-from obsdesign.constraints._shapes import beyond
+from obsdesign.constraints._given import SPEED, as_size, format_numbers
+from obsdesign.constraints._shapes import smooth_excess
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.errors import InputError
 
@@ -34,7 +34,9 @@ class GroundSpeed(AbstractConstraint):
             raise InputError(f"ground_speed: most is {self.most!r}: must be above least, {self.least!r}")
 
     def __str__(self) -> str:
-        limits = [f"{word} {spelled(value)}" for word, value in (("at least", self.least), ("at most", self.most)) if value is not None]
+        limits = [
+            f"{word} {format_numbers(value)}" for word, value in (("at least", self.least), ("at most", self.most)) if value is not None
+        ]
         return f"GroundSpeed: {', '.join(limits)} m/s"
 
     @property
@@ -54,5 +56,5 @@ class GroundSpeed(AbstractConstraint):
     def margins(self, moment: Moment) -> list[Coordinate]:
         squared = moment.rate["x"] * moment.rate["x"] + moment.rate["y"] * moment.rate["y"]
         size, _ = self.size
-        slow = [] if self.least is None else [beyond(squared, self.least) / size]
-        return slow + ([] if self.most is None else [-beyond(squared, self.most) / size])
+        slow = [] if self.least is None else [smooth_excess(squared, self.least) / size]
+        return slow + ([] if self.most is None else [-smooth_excess(squared, self.most) / size])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import pi
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.constraints._given import ANGLE, as_angle, as_window, spelled, spelled_window
+from obsdesign.constraints._given import ANGLE, as_angle, as_window, format_numbers, format_window
 from obsdesign.constraints._shapes import within_angle
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.errors import InputError
@@ -43,8 +43,8 @@ class HeadingSector(AbstractConstraint):
             )
 
     def __str__(self) -> str:
-        sector = f"heading from {spelled(self.low)} counter-clockwise to {spelled(self.high)} rad"
-        return f"HeadingSector: {sector} {spelled_window(self.first, self.last)}"
+        sector = f"heading from {format_numbers(self.low)} counter-clockwise to {format_numbers(self.high)} rad"
+        return f"HeadingSector: {sector} {format_window(self.first, self.last)}"
 
     @property
     def width(self) -> float:

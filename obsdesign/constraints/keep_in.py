@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.constraints._given import LENGTH, spelled_points
-from obsdesign.constraints._shapes import inside_edges
+from obsdesign.constraints._given import LENGTH, format_points
+from obsdesign.constraints._shapes import polygon_margins
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.geometry import convex_corners, polygon_size
 from obsdesign.signals import Point
@@ -27,7 +27,7 @@ class KeepIn(AbstractConstraint):
         object.__setattr__(self, "corners", convex_corners("keep_in: corners", self.corners))
 
     def __str__(self) -> str:
-        return f"KeepIn: within {spelled_points(self.corners)}"
+        return f"KeepIn: within {format_points(self.corners)}"
 
     @property
     def span(self) -> Span:
@@ -42,4 +42,4 @@ class KeepIn(AbstractConstraint):
         return polygon_size(self.corners), LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
-        return inside_edges(moment, self.corners)
+        return polygon_margins(moment, self.corners)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
-from obsdesign.constraints._given import LENGTH, as_size, spelled
+from obsdesign.constraints._given import LENGTH, as_size, format_numbers
 from obsdesign.constraints._shapes import outside_disc
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
@@ -31,7 +31,7 @@ class KeepOut(AbstractConstraint):
         object.__setattr__(self, "radius", as_size("keep_out: radius", self.radius))
 
     def __str__(self) -> str:
-        return f"KeepOut: at least {spelled(self.radius)} m from {spelled(*self.centre)}"
+        return f"KeepOut: at least {format_numbers(self.radius)} m from {format_numbers(*self.centre)}"
 
     @property
     def span(self) -> Span:

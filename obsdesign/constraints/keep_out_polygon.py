@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.constraints._given import LENGTH, spelled_points
+from obsdesign.constraints._given import LENGTH, format_points
 from obsdesign.constraints._shapes import outside_polygon, widening
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.geometry import convex_corners, polygon_size
@@ -30,7 +30,7 @@ class KeepOutPolygon(AbstractConstraint):
         object.__setattr__(self, "corners", convex_corners("keep_out_polygon: corners", self.corners))
 
     def __str__(self) -> str:
-        return f"KeepOutPolygon: outside {spelled_points(self.corners)}, widened by {self.widening:.3g} m"
+        return f"KeepOutPolygon: outside {format_points(self.corners)}, widened by {self.widening:.3g} m"
 
     @property
     def widening(self) -> float:

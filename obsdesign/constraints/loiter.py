@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
-from obsdesign.constraints._given import LENGTH, as_size, as_window, spelled, spelled_window
+from obsdesign.constraints._given import LENGTH, as_size, as_window, format_numbers, format_window
 from obsdesign.constraints._shapes import outside_disc
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
@@ -38,7 +38,7 @@ class Loiter(AbstractConstraint):
         object.__setattr__(self, "last", last)
 
     def __str__(self) -> str:
-        return f"Loiter: within {spelled(self.radius)} m of {spelled(*self.centre)} {spelled_window(self.first, self.last)}"
+        return f"Loiter: within {format_numbers(self.radius)} m of {format_numbers(*self.centre)} {format_window(self.first, self.last)}"
 
     @property
     def span(self) -> Span:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, spelled, spelled_points
+from obsdesign.constraints._given import LENGTH, as_landmarks, as_size, format_numbers, format_points
 from obsdesign.constraints._shapes import outside_disc
 from obsdesign.constraints.abstract import ALWAYS, AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
@@ -30,8 +30,8 @@ class MaxRange(AbstractConstraint):
         object.__setattr__(self, "landmarks", as_landmarks("max_range: landmarks", self.landmarks))
 
     def __str__(self) -> str:
-        which = "the landmarks" if self.landmarks is None else spelled_points(self.landmarks)
-        return f"MaxRange: at most {spelled(self.distance)} m from {which}"
+        which = "the landmarks" if self.landmarks is None else format_points(self.landmarks)
+        return f"MaxRange: at most {format_numbers(self.distance)} m from {which}"
 
     @property
     def span(self) -> Span:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair
-from obsdesign.constraints._given import LENGTH, as_size, as_window, spelled, spelled_window
+from obsdesign.constraints._given import LENGTH, as_size, as_window, format_numbers, format_window
 from obsdesign.constraints._shapes import outside_disc
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Moment, Span
 from obsdesign.signals import Point
@@ -38,8 +38,8 @@ class Via(AbstractConstraint):
         object.__setattr__(self, "last", last)
 
     def __str__(self) -> str:
-        place = f"within {spelled(self.tolerance)} m of {spelled(*self.point)}"
-        return f"Via: {place} once {spelled_window(self.first, self.last)}"
+        place = f"within {format_numbers(self.tolerance)} m of {format_numbers(*self.point)}"
+        return f"Via: {place} once {format_window(self.first, self.last)}"
 
     @property
     def span(self) -> Span:

@@ -35,7 +35,7 @@ class AbstractCriterion(ABC):
         """Return the number for W >= 0 symmetric; -inf where it does not exist."""
 
     @abstractmethod
-    def of_root(self, R: np.ndarray) -> np.ndarray:
+    def value_from_root(self, R: np.ndarray) -> np.ndarray:
         """Return the number (...) for each W = (R'R)^-1, R (..., n, n): from a root of the covariance, whatever the states' units."""
 
     @abstractmethod

@@ -27,10 +27,12 @@ class LogDet(AbstractCriterion):
         return None
 
     def value(self, W: np.ndarray) -> float:
-        found = spectrum(W)
-        return -np.inf if found.is_singular else float(np.sum(np.log(found.values)) + 2 * np.sum(np.log(found.d)))
+        eigenvalues = spectrum(W)
+        return (
+            -np.inf if eigenvalues.is_singular else float(np.sum(np.log(eigenvalues.values)) + 2 * np.sum(np.log(eigenvalues.unit_sizes)))
+        )
 
-    def of_root(self, R: np.ndarray) -> np.ndarray:
+    def value_from_root(self, R: np.ndarray) -> np.ndarray:
         size = np.linalg.norm(R, axis=-1)
         return -2 * (np.linalg.slogdet(R / size[..., None])[1] + np.log(size).sum(axis=-1))
 

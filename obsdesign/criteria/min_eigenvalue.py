@@ -31,7 +31,7 @@ class MinEigenvalue(AbstractCriterion):
     def value(self, W: np.ndarray) -> float:
         return smallest_eigenvalue(W)
 
-    def of_root(self, R: np.ndarray) -> np.ndarray:
+    def value_from_root(self, R: np.ndarray) -> np.ndarray:
         return np.linalg.norm(R, ord=2, axis=(-2, -1)) ** -2.0
 
     def slope(self, W: np.ndarray) -> np.ndarray:

@@ -50,8 +50,8 @@ class Posterior(AbstractCriterion):
     def value(self, W: np.ndarray) -> float:
         return self.criterion.value(W)
 
-    def of_root(self, R: np.ndarray) -> np.ndarray:
-        return self.criterion.of_root(R)
+    def value_from_root(self, R: np.ndarray) -> np.ndarray:
+        return self.criterion.value_from_root(R)
 
     def slope(self, W: np.ndarray) -> np.ndarray:
         return self.criterion.slope(W)

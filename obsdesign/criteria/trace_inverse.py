@@ -27,10 +27,14 @@ class TraceInverse(AbstractCriterion):
         return None
 
     def value(self, W: np.ndarray) -> float:
-        found = spectrum(W)
-        return -np.inf if found.is_singular else -float(np.sum((found.V**2 @ (1 / found.values)) / found.d**2))
+        eigenvalues = spectrum(W)
+        return (
+            -np.inf
+            if eigenvalues.is_singular
+            else -float(np.sum((eigenvalues.V**2 @ (1 / eigenvalues.values)) / eigenvalues.unit_sizes**2))
+        )
 
-    def of_root(self, R: np.ndarray) -> np.ndarray:
+    def value_from_root(self, R: np.ndarray) -> np.ndarray:
         return -np.sum(R**2, axis=(-2, -1))
 
     def slope(self, W: np.ndarray) -> np.ndarray:

@@ -8,37 +8,39 @@ from functools import cached_property
 import numpy as np
 
 from obsdesign.constraints.abstract import Span
-from obsdesign.design.nlp.margin_curves import Instants, Intervals, best_instant, instants_of, stretches
-from obsdesign.design.nlp.node_functions import Nodes, nodes_of
+from obsdesign.design.nlp.margin_curves import Intervals, MarginCurves, best_instant, intersect_intervals, margin_curves_of
+from obsdesign.design.nlp.node_functions import NodeFunctions, node_functions_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.quintic import least_of_quintic
 from obsdesign.dynamics.simulation import states_from, substeps_along
 from obsdesign.trajectory import Trajectory
 
-FINER, _FINEST = 10, 160  # steps of the check for one step of the path: at first, and at most
-_EXACT = 1e-8  # what integration may add to a margin of order 1
-_CLOSE = 1e-5  # a path whose margins differ by less from those of steps a tenth as long, 10^4 times as exact, needs no finer ones
-_ROUGH = 1e-6  # by how much polynomials of third and fifth degree may differ before an interval is halved
-_NEAR = 1e-2  # lower bounds of margins below this are looked into
+REFINEMENT, _MAX_REFINEMENT = 10, 160  # steps of the check for one step of the path: at first, and at most
+_INTEGRATION_TOLERANCE = 1e-8  # what integration may add to a margin of order 1
+_COARSE_TOLERANCE = (
+    1e-5  # a path whose margins differ by less from those of steps a tenth as long, 10^4 times as exact, needs no finer ones
+)
+_INTERPOLATION_TOLERANCE = 1e-6  # by how much polynomials of third and fifth degree may differ before an interval is halved
+_NEAR_MARGIN = 1e-2  # lower bounds of margins below this are looked into
 _HALVINGS = 12  # of an interval of time at most: after 4096 parts the least value is taken as it is
 
 
 @dataclass(frozen=True, eq=False)
-class Low:
-    """A local minimum of a margin in time: of which, when [s], and what it is; before: just before that time, the inputs held until it."""
+class MarginMinimum:
+    """A local minimum of a margin: of which, when [s], its value; before_jump: just before that time, under the inputs until then."""
 
     margin: int
     time: float
     value: float
-    before: bool = False
+    before_jump: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Fine:
+class FinePath:
     """A path integrated finely: t (F+1,), x (F+1, n), u (F, m) held from each instant to the next."""
 
-    instants: Instants
-    nodes: Nodes
+    curves: MarginCurves
+    nodes: NodeFunctions
     t: np.ndarray
     x: np.ndarray
     u: np.ndarray
@@ -79,110 +81,118 @@ class Fine:
         begin, end = self.ends
         return np.abs(end - begin).max(axis=0)
 
-    def lows(self, mine: np.ndarray, span: Span) -> list[Low]:
-        """Return the local minima of each of the margins `mine` that are near 0 or below within a span.
+    def minima(self, margin_indices: np.ndarray, span: Span) -> list[MarginMinimum]:
+        """Return the local minima of each of the margins `margin_indices` that are near 0 or below within a span.
 
         Only intervals are looked into at whose ends a margin is not above 0.01 by the most that it changes by over any interval: in
         between it cannot fall by more than about half of that. There it is the polynomial of fifth degree through values, slopes and
         curvatures at both ends, which differs from that of third degree by far more than from the margin itself: intervals are halved
         until these two agree to 1e-6.
         """
-        within, low, high = stretches(self.t[:-1], self.h, *self._window(span))
-        lowest = np.minimum(*(side[within][:, mine] for side in self.ends))
+        intervals, low, high = intersect_intervals(self.t[:-1], self.h, *self._time_window(span))
+        lowest = np.minimum(*(side[intervals][:, margin_indices] for side in self.ends))
         if not np.isfinite(lowest).all():
-            at, which = np.argwhere(~np.isfinite(lowest))[0]
-            return [Low(int(mine[which]), float(self.t[within[at]]), np.nan)]
-        which, at = np.nonzero((lowest < _NEAR + self.change[mine]).T)
+            interval, which = np.argwhere(~np.isfinite(lowest))[0]
+            return [MarginMinimum(int(margin_indices[which]), float(self.t[intervals[interval]]), np.nan)]
+        which, interval = np.nonzero((lowest < _NEAR_MARGIN + self.change[margin_indices]).T)
         if not len(which):
             return []
-        chosen, margin = within[at], mine[which]
-        tau, value = self._least(chosen, margin, low[at], high[at])
+        interval_indices, margin = intervals[interval], margin_indices[which]
+        tau, value = self._minimise(interval_indices, margin, low[interval], high[interval])
         at_end = tau >= self.h * (1 - 1e-9)
         return [
-            Low(int(margin[k]), float(self.t[chosen[k]] + tau[k]), float(value[k]), bool(at_end[k]))
-            for k in _local(chosen + which * (len(self.t) + 1), value)
+            MarginMinimum(int(margin[k]), float(self.t[interval_indices[k]] + tau[k]), float(value[k]), bool(at_end[k]))
+            for k in _local_minima(interval_indices + which * (len(self.t) + 1), value)
         ]
 
-    def best(self, mine: np.ndarray, span: Span) -> Low:
-        """Return when, within a span, the least of the margins `mine` is largest."""
-        within, low, high = stretches(self.t[:-1], self.h, *self._window(span))
-        i, tau, value = best_instant(self.instants, Intervals(self.x[within], self.u[within], low, high), mine)
-        return Low(int(mine[0]), float(self.t[within[i]] + tau), value)
+    def best_instant(self, margin_indices: np.ndarray, span: Span) -> MarginMinimum:
+        """Return when, within a span, the least of the margins `margin_indices` is largest."""
+        intervals, low, high = intersect_intervals(self.t[:-1], self.h, *self._time_window(span))
+        i, tau, value = best_instant(self.curves, Intervals(self.x[intervals], self.u[intervals], low, high), margin_indices)
+        return MarginMinimum(int(margin_indices[0]), float(self.t[intervals[i]] + tau), value)
 
-    def _window(self, span: Span) -> tuple[float, float]:
+    def _time_window(self, span: Span) -> tuple[float, float]:
         first, last = (self.t[-1] if time is None else min(time, self.t[-1]) for time in (span.first, span.last))
         return float(first), float(last)
 
-    def _least(self, which: np.ndarray, margin: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _minimise(self, which: np.ndarray, margin: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """When (seconds after they begin) margins (K,) are least in intervals (K,), each from low to high, and what they are then."""
         every, place = np.unique(which, return_inverse=True)
         u = self.u[every]
-        sides = np.array([self.instants.in_time(self.x[every + after], u) for after in (0, 1)])
+        sides = np.array([self.curves.time_derivatives(self.x[every + after], u) for after in (0, 1)])
         begin, end = sides[:, :, place, margin]
         share, value, error = least_of_quintic(begin, end, np.full(len(which), self.h), low / self.h, high / self.h)
         tau = share * self.h
-        for k in np.flatnonzero((error > _ROUGH) & (value - error < _NEAR)):
-            tau[k], value[k] = self._halved(int(which[k]), int(margin[k]), float(low[k]), float(high[k]))
+        for k in np.flatnonzero((error > _INTERPOLATION_TOLERANCE) & (value - error < _NEAR_MARGIN)):
+            tau[k], value[k] = self._minimise_by_halving(int(which[k]), int(margin[k]), float(low[k]), float(high[k]))
         return tau, value
 
-    def _halved(self, i: int, j: int, low: float, high: float) -> tuple[float, float]:
+    def _minimise_by_halving(self, i: int, j: int, low: float, high: float) -> tuple[float, float]:
         """The same for one interval, cut into ever shorter ones."""
         for halvings in range(1, _HALVINGS + 1):
-            tau, value, settled = self._parted(i, j, np.linspace(low, high, 2**halvings + 1))
-            if settled:
+            tau, value, is_accurate = self._minimise_on_grid(i, j, np.linspace(low, high, 2**halvings + 1))
+            if is_accurate:
                 break
         return tau, value  # pyright: ignore[reportPossiblyUnboundVariable]  # there is a halving
 
-    def _parted(self, i: int, j: int, taus: np.ndarray) -> tuple[float, float, bool]:
+    def _minimise_on_grid(self, i: int, j: int, taus: np.ndarray) -> tuple[float, float, bool]:
         """When a margin is least between instants taus after interval i begins, what it is, and whether finer ones say the same."""
         x, u = np.repeat(self.x[[i]], len(taus), axis=0), np.repeat(self.u[[i]], len(taus), axis=0)
-        sides = np.array(self.instants.in_time(self.instants.states(x, u, taus), u))[:, :, j]
+        derivatives = np.array(self.curves.time_derivatives(self.curves.states(x, u, taus), u))[:, :, j]
         width = float(taus[1] - taus[0])
         count = len(taus) - 1
-        share, value, error = least_of_quintic(sides[:, :-1], sides[:, 1:], np.full(count, width), np.zeros(count), np.ones(count))
+        share, value, error = least_of_quintic(
+            derivatives[:, :-1], derivatives[:, 1:], np.full(count, width), np.zeros(count), np.ones(count)
+        )
         k = int(value.argmin())
-        return float(taus[k] + share[k] * width), float(value[k]), not ((error > _ROUGH) & (value - error < value[k])).any()
+        return (
+            float(taus[k] + share[k] * width),
+            float(value[k]),
+            not ((error > _INTERPOLATION_TOLERANCE) & (value - error < value[k])).any(),
+        )
 
 
-def fine_margins(problem: DesignProblem, path: Trajectory) -> Fine:
+def fine_path(problem: DesignProblem, path: Trajectory) -> FinePath:
     """Return a path integrated ten times as finely, or finer, until its margins at the nodes are exact to 1e-8 by Richardson's rule.
 
     Never more coarsely than the path itself: what its sub-steps are too long for is not smooth between the instants either.
     """
-    finer = max(FINER, substeps_along(problem.system, path))
-    fine = _fine(problem, path, finer)
+    refinement = max(REFINEMENT, substeps_along(problem.system, path))
+    fine = _fine(problem, path, refinement)
     here = fine.nodes.values(path.x, np.vstack([path.u, path.u[-1:]]))
-    if _differ(here, here, fine.at_nodes(finer)) <= _CLOSE:
+    if _margin_difference(here, here, fine.at_nodes(refinement)) <= _COARSE_TOLERANCE:
         return fine
-    coarse = _fine(problem, path, finer // 2).at_nodes(finer // 2)
-    while _differ(here, coarse, fine.at_nodes(finer)) > 15 * _EXACT and finer < _FINEST:
-        coarse, finer = fine.at_nodes(finer), 2 * finer
-        fine = _fine(problem, path, finer)
+    coarse = _fine(problem, path, refinement // 2).at_nodes(refinement // 2)
+    while _margin_difference(here, coarse, fine.at_nodes(refinement)) > 15 * _INTEGRATION_TOLERANCE and refinement < _MAX_REFINEMENT:
+        coarse, refinement = fine.at_nodes(refinement), 2 * refinement
+        fine = _fine(problem, path, refinement)
     return fine
 
 
-def _fine(problem: DesignProblem, path: Trajectory, finer: int) -> Fine:
+def _fine(problem: DesignProblem, path: Trajectory, finer: int) -> FinePath:
     model = problem.system.model
-    step, x, u = refined(problem, path, finer)
-    return Fine(instants_of(model, problem.constraints), nodes_of(model, problem.constraints), np.arange(len(x)) * step, x, u)
+    step, x, u = refine_path(problem, path, finer)
+    return FinePath(
+        margin_curves_of(model, problem.constraints), node_functions_of(model, problem.constraints), np.arange(len(x)) * step, x, u
+    )
 
 
-def _differ(here: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
+def _margin_difference(here: np.ndarray, first_states: np.ndarray, second_states: np.ndarray) -> float:
     """By how much margins (N+1, r) of two sets of states differ, where those of the path are near 0."""
-    return float(np.abs(one - other)[here < 1.0].max(initial=0.0))
+    return float(np.abs(first_states - second_states)[here < 1.0].max(initial=0.0))
 
 
-def refined(problem: DesignProblem, path: Trajectory, finer: int) -> tuple[float, np.ndarray, np.ndarray]:
+def refine_path(problem: DesignProblem, path: Trajectory, refinement: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Return shorter steps [s] along a path, so many for each of its own: states (finer N + 1, n), inputs (finer N, m).
 
     They are made of ten times as many sub-steps as the path itself, or more: exact to a ten thousandth of what it is.
     """
-    substeps = -(-FINER * substeps_along(problem.system, path) // finer)
-    u = np.repeat(path.u, finer, axis=0)
-    return path.step / finer, states_from(problem.system, path.x[:1], u, path.step / finer, substeps=substeps)[0], u
+    substeps = -(-REFINEMENT * substeps_along(problem.system, path) // refinement)
+    u = np.repeat(path.u, refinement, axis=0)
+    return path.step / refinement, states_from(problem.system, path.x[:1], u, path.step / refinement, substeps=substeps)[0], u
 
 
-def _local(which: np.ndarray, value: np.ndarray) -> np.ndarray:
+def _local_minima(which: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Return where the least values (K,) of intervals, which (K,) are their numbers in rising order, have local minima."""
     before, after = np.full(len(which), np.inf), np.full(len(which), np.inf)
     follows = np.flatnonzero(np.diff(which) == 1)

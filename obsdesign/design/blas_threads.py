@@ -9,7 +9,7 @@ from threading import Lock
 
 from threadpoolctl import ThreadpoolController
 
-_TURN = Lock()
+_LOCK = Lock()
 
 
 @contextmanager
@@ -19,14 +19,14 @@ def one_thread() -> Iterator[None]:
     Who sets the limit takes it back: of contexts that overlap in several threads, each saving and restoring by itself, the last
     to leave would restore what the first had set. It is for speed alone, so it does not matter if the first leaves before others.
     """
-    if not _TURN.acquire(blocking=False):
+    if not _LOCK.acquire(blocking=False):
         yield
         return
     try:
         with _controller().limit(limits=1):
             yield
     finally:
-        _TURN.release()
+        _LOCK.release()
 
 
 @cache

@@ -13,16 +13,16 @@ from obsdesign.constraints.goal_pose import GoalPose
 from obsdesign.constraints.via import Via
 from obsdesign.costs.path_length import PathLength
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.feasibility import Shortfall, is_feasible, shortfalls
-from obsdesign.design.feasible_search import Sought, sought
+from obsdesign.design.feasibility import Violation, is_feasible, violations
+from obsdesign.design.feasible_search import FeasibilitySearch, search_feasible_path
 from obsdesign.design.initial_guesses import shortest_inputs, shortest_time
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 
 # durations and bounds so many times what is asked are tried as a relaxation, from so many starts each
-_LONGER, _WIDER = (1.05, 1.1, 1.2, 1.3, 1.45, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0), (1.2, 1.5, 2.0, 3.0, 4.0)
-_TRIED, _HALVINGS = 4, 8
+_DURATION_FACTORS, _BOUND_FACTORS = (1.05, 1.1, 1.2, 1.3, 1.45, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0, 3.5, 4.0), (1.2, 1.5, 2.0, 3.0, 4.0)
+_STARTS, _HALVINGS = 4, 8
 _TRIED_ON_FLOORS = 2  # where a start takes ten times as long
 _ROUNDING = 1e-6  # share of a budget by which a way must be longer to be called too long
 
@@ -31,9 +31,9 @@ _ROUNDING = 1e-6  # share of a budget by which a way must be longer to be called
 class Explanation:
     """What stood in the way of the path that came nearest, and the smallest relaxations that were found; answer: none did."""
 
-    shortfalls: tuple[Shortfall, ...]
+    violations: tuple[Violation, ...]
     in_words: str
-    answer: Sought | None = None
+    answer: FeasibilitySearch | None = None
 
 
 # ---------------------------------------------------------------- before
@@ -46,10 +46,10 @@ def why_unreachable(problem: DesignProblem) -> str:
         return ""
     east, north = (float(problem.x0[i]) for i in problem.position)
     for constraint in problem.constraints:
-        place = _place(constraint)
-        if place is None:
+        goal = _goal_position(constraint)
+        if goal is None:
             continue
-        (x, y), tolerance = place
+        (x, y), tolerance = goal
         way = float(np.hypot(x - east, y - north)) - tolerance
         last = constraint.span.last
         time = problem.longest if last is None else min(last, problem.longest)
@@ -64,7 +64,7 @@ def why_unreachable(problem: DesignProblem) -> str:
     return ""
 
 
-def _place(constraint: AbstractConstraint) -> tuple[tuple[float, float], float] | None:
+def _goal_position(constraint: AbstractConstraint) -> tuple[tuple[float, float], float] | None:
     return (constraint.point, constraint.tolerance) if isinstance(constraint, (Goal, GoalPose, Via)) else None
 
 
@@ -90,18 +90,18 @@ def fastest_ground_speed(problem: DesignProblem) -> float | None:
     states = np.tile(problem.x0, (len(headings), 1))
     if "heading" in names:
         states[:, names.index("heading")] = headings
-    every = [velocity(states.T, np.tile(corner[:, None], len(headings))).full() for corner in corners]
-    if not all(_turns_with(headings, each) for each in every):
+    velocities = [velocity(states.T, np.tile(corner[:, None], len(headings))).full() for corner in corners]
+    if not all(_is_first_harmonic(headings, ground_velocity) for ground_velocity in velocities):
         return None
-    largest = max(float(np.hypot(*each).max()) for each in every)
+    largest = max(float(np.hypot(*ground_velocity).max()) for ground_velocity in velocities)
     return largest * (1 + 1e-5)  # between two headings of the grid it may be larger by (half a degree)^2 / 2
 
 
-def _turns_with(headings: np.ndarray, velocity: np.ndarray) -> bool:
+def _is_first_harmonic(headings: np.ndarray, velocity: np.ndarray) -> bool:
     """Whether a velocity (2, K) is a + b cos(heading) + c sin(heading): then nothing hides between the headings looked at."""
     waves = np.column_stack([np.ones_like(headings), np.cos(headings), np.sin(headings)])
-    left = velocity.T - waves @ np.linalg.lstsq(waves, velocity.T)[0]
-    return bool(np.abs(left).max() <= 1e-9 * max(float(np.abs(velocity).max()), np.finfo(float).tiny))
+    residual = velocity.T - waves @ np.linalg.lstsq(waves, velocity.T)[0]
+    return bool(np.abs(residual).max() <= 1e-9 * max(float(np.abs(velocity).max()), np.finfo(float).tiny))
 
 
 def why_hidden(problem: DesignProblem) -> str:
@@ -127,100 +127,112 @@ def why_hidden(problem: DesignProblem) -> str:
 # ---------------------------------------------------------------- after
 
 
-def explained(problem: DesignProblem, nearest: Sought, seed: int) -> Explanation:
+def explain(problem: DesignProblem, nearest: FeasibilitySearch, seed: int) -> Explanation:
     """Return what the nearest path falls short of, and what would have to give: more time, or wider bounds.
 
     A path that a relaxation leads to and that keeps all limits as they are is an answer: then there is nothing to explain.
     """
-    short = shortfalls(problem, nearest.path)
-    found = [_wider_bounds(problem, nearest.path.u, seed), _longer(problem, nearest.path.u, seed)]
-    answer = next((each.sought for each in found if each.keeps_all), None)
+    broken = violations(problem, nearest.path)
+    relaxations = [_wider_bounds(problem, nearest.path.u, seed), _longer_duration(problem, nearest.path.u, seed)]
+    answer = next((relaxation.search for relaxation in relaxations if relaxation.is_feasible), None)
     if answer is not None:
         return Explanation((), "", answer)
-    words = [f"none found in {nearest.starts} starts", *map(str, short[:3]), *(each.in_words for each in found if each.in_words)]
-    return Explanation(short, "; ".join(words))
+    words = [
+        f"none found in {nearest.starts} starts",
+        *map(str, broken[:3]),
+        *(relaxation.in_words for relaxation in relaxations if relaxation.in_words),
+    ]
+    return Explanation(broken, "; ".join(words))
 
 
 @dataclass(frozen=True, eq=False)
-class _Relaxed:
-    """What a relaxation led to: in words, "" if nowhere; keeps_all: to a path that needs no relaxation."""
+class _ConstraintRelaxation:
+    """What a relaxation led to: in words, "" if nowhere; is_feasible: to a path that needs no relaxation."""
 
     in_words: str = ""
-    sought: Sought | None = None
-    keeps_all: bool = False
+    search: FeasibilitySearch | None = None
+    is_feasible: bool = False
 
 
-def _wider_bounds(problem: DesignProblem, u: np.ndarray, seed: int) -> _Relaxed:
+def _wider_bounds(problem: DesignProblem, u: np.ndarray, seed: int) -> _ConstraintRelaxation:
     """Say by how much which input would have to exceed its bounds, and when; "" if that does not help."""
 
     def with_bounds(factor: float) -> DesignProblem:
         centre, half = (problem.lower + problem.upper) / 2, factor * (problem.upper - problem.lower) / 2
         names = problem.system.model.input_names
-        wide = {name: (float(c - h), float(c + h)) for name, c, h in zip(names, centre, half, strict=True)}
-        return replace(problem, bounds=wide)
+        wider = {name: (float(c - h), float(c + h)) for name, c, h in zip(names, centre, half, strict=True)}
+        return replace(problem, bounds=wider)
 
-    found = _least(with_bounds, _WIDER, u, seed, 1e-2)
-    if found is None:
-        return _Relaxed()
-    path = found.sought.path
+    relaxation = _smallest_factor(with_bounds, _BOUND_FACTORS, u, seed, 1e-2)
+    if relaxation is None:
+        return _ConstraintRelaxation()
+    path = relaxation.search.path
     if is_feasible(problem, path):
-        return _Relaxed("", found.sought, keeps_all=True)
-    beyond = np.maximum(path.u - problem.upper, problem.lower - path.u)
-    k, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
-    if not beyond[k, j] > 0:
-        return _Relaxed()
+        return _ConstraintRelaxation("", relaxation.search, is_feasible=True)
+    excess = np.maximum(path.u - problem.upper, problem.lower - path.u)
+    k, j = np.unravel_index(int(excess.argmax()), excess.shape)
+    if not excess[k, j] > 0:
+        return _ConstraintRelaxation()
     signal = problem.system.model.inputs[int(j)]
     what = signal.name.replace("_", " ")
-    return _Relaxed(f"feasible with {what} at {path.t[k]:.4g} s exceeded by {beyond[k, j]:.2g} {signal.unit}".rstrip(), found.sought)
+    return _ConstraintRelaxation(
+        f"feasible with {what} at {path.t[k]:.4g} s exceeded by {excess[k, j]:.2g} {signal.unit}".rstrip(), relaxation.search
+    )
 
 
-def _longer(problem: DesignProblem, u: np.ndarray, seed: int) -> _Relaxed:
+def _longer_duration(problem: DesignProblem, u: np.ndarray, seed: int) -> _ConstraintRelaxation:
     """Say from which duration on a path was found; "" if none was."""
     if all(constraint.span.last is not None for constraint in problem.constraints):
-        return _Relaxed()
+        return _ConstraintRelaxation()
 
-    def lasting(factor: float) -> DesignProblem:
-        return problem.lasting(max(1, round(factor * problem.longest / problem.step)) * problem.step)
+    def with_duration(factor: float) -> DesignProblem:
+        return problem.with_duration(max(1, round(factor * problem.longest / problem.step)) * problem.step)
 
     soonest = shortest_time(problem)
     first = () if soonest is None or soonest <= problem.longest else ((soonest + problem.step) / problem.longest,)
-    found = _least(lasting, tuple(sorted({*first, *_LONGER})), u, seed, problem.step / problem.longest)
-    return _Relaxed() if found is None else _Relaxed(f"feasible from {lasting(found.factor).longest:.4g} s", found.sought)
+    relaxation = _smallest_factor(with_duration, tuple(sorted({*first, *_DURATION_FACTORS})), u, seed, problem.step / problem.longest)
+    return (
+        _ConstraintRelaxation()
+        if relaxation is None
+        else _ConstraintRelaxation(f"feasible from {with_duration(relaxation.factor).longest:.4g} s", relaxation.search)
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _Factor:
+class _RelaxationFactor:
     """The least factor at which a path was found, and that path."""
 
     factor: float
-    sought: Sought
+    search: FeasibilitySearch
 
 
-def _least(make: Callable[[float], DesignProblem], factors: Sequence[float], u: np.ndarray, seed: int, width: float) -> _Factor | None:
+def _smallest_factor(
+    make: Callable[[float], DesignProblem], factors: Sequence[float], u: np.ndarray, seed: int, width: float
+) -> _RelaxationFactor | None:
     """Try growing factors until a path is found, then halve between the last that failed and the first that did not."""
     low = 1.0
     for factor in factors:
-        reached = _tried(make(factor), u, seed)
-        if reached.keeps_all:
-            return _bisected(make, low, _Factor(factor, reached), seed, width)
+        search = _search_from(make(factor), u, seed)
+        if search.is_feasible:
+            return _bisect(make, low, _RelaxationFactor(factor, search), seed, width)
         low = factor
     return None
 
 
-def _bisected(make: Callable[[float], DesignProblem], low: float, found: _Factor, seed: int, width: float) -> _Factor:
+def _bisect(make: Callable[[float], DesignProblem], low: float, smallest: _RelaxationFactor, seed: int, width: float) -> _RelaxationFactor:
     for _ in range(_HALVINGS):
-        if found.factor - low <= width * (1 + 1e-9):
+        if smallest.factor - low <= width * (1 + 1e-9):
             break
-        middle = (low + found.factor) / 2
-        reached = _tried(make(middle), found.sought.path.u, seed)
-        low, found = (low, _Factor(middle, reached)) if reached.keeps_all else (middle, found)
-    return found
+        middle = (low + smallest.factor) / 2
+        search = _search_from(make(middle), smallest.search.path.u, seed)
+        low, smallest = (low, _RelaxationFactor(middle, search)) if search.is_feasible else (middle, smallest)
+    return smallest
 
 
-def _tried(problem: DesignProblem, u: np.ndarray, seed: int) -> Sought:
+def _search_from(problem: DesignProblem, u: np.ndarray, seed: int) -> FeasibilitySearch:
     """Look for a path that keeps all limits, from inputs u stretched, the shortest way, and a few others."""
     shortest = shortest_inputs(problem)
     stretched = u[np.minimum(np.arange(problem.steps) * len(u) // problem.steps, len(u) - 1)]
-    return sought(
-        problem, seed, (stretched, *([] if shortest is None else [shortest])), _TRIED if problem.floor is None else _TRIED_ON_FLOORS
+    return search_feasible_path(
+        problem, seed, (stretched, *([] if shortest is None else [shortest])), _STARTS if problem.floor is None else _TRIED_ON_FLOORS
     )

@@ -15,7 +15,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
 from obsdesign.vehicles.dubins import Dubins
 
-TURN = "turn_rate"
+TURN_RATE = "turn_rate"
 
 
 def start_inputs(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
@@ -25,11 +25,11 @@ def start_inputs(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.nd
     sides. Then smooth random ones.
     """
     t = (np.arange(problem.steps) + 0.5) / problem.steps  # share of the duration
-    if TURN in problem.system.model.input_names:
+    if TURN_RATE in problem.system.model.input_names:
         shortest = shortest_inputs(problem)
         if shortest is not None:
             yield "shortest", shortest
-        yield from ((name, _shaped(problem, shape(t))) for name, shape in _SHAPES.items())
+        yield from ((name, _shape_inputs(problem, shape(t))) for name, shape in _SHAPES.items())
     yield from ((f"random {i}", _random(problem, t, np.random.default_rng([seed, i]))) for i in count(1))
 
 
@@ -38,26 +38,26 @@ def shortest_inputs(problem: DesignProblem) -> np.ndarray | None:
 
     Constant wind is known from the start state; with via points and wind the way is the one in still air.
     """
-    way = _shortest_way(problem)
-    if way is None:
+    shortest = _shortest_path(problem)
+    if shortest is None:
         return None
-    curve, speed = way
+    curve, speed = shortest
     return np.clip(curve.turn_rates(speed, np.arange(problem.steps + 1) * problem.step), problem.lower[0], problem.upper[0])[:, None]
 
 
 def shortest_time(problem: DesignProblem) -> float | None:
     """Return the time [s] of that way, or None without."""
-    way = _shortest_way(problem)
-    return None if way is None else way[0].length / way[1]
+    shortest = _shortest_path(problem)
+    return None if shortest is None else shortest[0].length / shortest[1]
 
 
-def _shortest_way(problem: DesignProblem) -> tuple[Curve, float] | None:
+def _shortest_path(problem: DesignProblem) -> tuple[Curve, float] | None:
     """The curve and the airspeed."""
     vehicle, goal = getattr(problem.system, "vehicle", None), _goal_of(problem)
-    sharpest = min(-problem.lower[0], problem.upper[0])
-    if not isinstance(vehicle, Dubins) or goal is None or sharpest <= 0:
+    largest_rate = min(-problem.lower[0], problem.upper[0])
+    if not isinstance(vehicle, Dubins) or goal is None or largest_rate <= 0:
         return None
-    radius, points = vehicle.speed / sharpest, [each.point for each in problem.constraints if isinstance(each, Via)]
+    radius, points = vehicle.speed / largest_rate, [constraint.point for constraint in problem.constraints if isinstance(constraint, Via)]
     start = problem.x0[:3]
     wind = (float(problem.x0[3]), float(problem.x0[4])) if vehicle.wind == "constant" else (0.0, 0.0)
     try:
@@ -108,10 +108,10 @@ _SHAPES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
-def _shaped(problem: DesignProblem, rate: np.ndarray) -> np.ndarray:
+def _shape_inputs(problem: DesignProblem, rate: np.ndarray) -> np.ndarray:
     """The turn rate follows the shape, every other input stays in the middle of its range."""
     u = np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1))
-    column = problem.system.model.input_names.index(TURN)
+    column = problem.system.model.input_names.index(TURN_RATE)
     u[:, column] = np.clip(rate / problem.grid.duration, problem.lower[column], problem.upper[column])
     return u
 

@@ -14,7 +14,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, require_tolerance
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs._price_budget import Budget, Price
-from obsdesign.criteria._factor import shadow
+from obsdesign.criteria._factor import schur_complement
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem_checks import require_consistent
@@ -68,7 +68,7 @@ class Robust:
 
     def __post_init__(self) -> None:
         require_count("robust: samples", self.samples)
-        require_count("robust: seed", self.seed, least=0)
+        require_count("robust: seed", self.seed, minimum=0)
 
     def draws(self, count: int, seed: int) -> np.ndarray:
         """Return `count` starts (count, n) from the prior, in the units of the states; other draws for another seed."""
@@ -139,18 +139,18 @@ class DesignProblem(AbstractDisplay):
         return Summary("design problem", tuple(rows))
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
+        set_field = object.__setattr__
         require_tolerance(self.tolerance)
-        put(self, "start", as_state(self.system, self.start, "start"))
-        put(self, "scale", as_scale(self.system, self.scale))
+        set_field(self, "start", as_state(self.system, self.start, "start"))
+        set_field(self, "scale", as_scale(self.system, self.scale))
         for name in ("constraints", "about", "prices", "budgets"):
-            put(self, name, tuple(getattr(self, name)))
-        put(self, "bounds", {name: as_pair(f"bounds of {name}", pair) for name, pair in self.bounds.items()})
-        put(self, "rates", dict(self.rates))
-        put(self, "known", np.zeros((self.x0.size,) * 2) if self.known is None else as_array("known", self.known))
+            set_field(self, name, tuple(getattr(self, name)))
+        set_field(self, "bounds", {name: as_pair(f"bounds of {name}", pair) for name, pair in self.bounds.items()})
+        set_field(self, "rates", dict(self.rates))
+        set_field(self, "known", np.zeros((self.x0.size,) * 2) if self.known is None else as_array("known", self.known))
         if not isinstance(self.duration, (int, float)):
-            put(self, "duration", as_pair("duration", self.duration))
-        put(self, "weights", self._as_weights())
+            set_field(self, "duration", as_pair("duration", self.duration))
+        set_field(self, "weights", self._as_weights())
         require_consistent(self)
 
     def _as_weights(self) -> np.ndarray | None:
@@ -172,7 +172,7 @@ class DesignProblem(AbstractDisplay):
         """The longest duration [s]."""
         return self.duration[1] if isinstance(self.duration, tuple) else self.duration
 
-    def lasting(self, duration: float) -> DesignProblem:
+    def with_duration(self, duration: float) -> DesignProblem:
         """Return the problem with one duration [s]."""
         return replace(self, duration=duration)
 
@@ -193,9 +193,12 @@ class DesignProblem(AbstractDisplay):
             if by_structure is not None:
                 return int(by_structure[0])
         grid, inputs = self.grid, np.array(list(zip(self.lower, self.upper, strict=True))).reshape(-1, 2)
-        held = [grid.centre, *(np.where(np.arange(len(inputs)) == j, side, grid.centre) for j, pair in enumerate(inputs) for side in pair)]
+        constant_inputs = [
+            grid.centre,
+            *(np.where(np.arange(len(inputs)) == j, side, grid.centre) for j, pair in enumerate(inputs) for side in pair),
+        ]
         counts = [1]
-        for u in (*held, self.lower, self.upper):
+        for u in (*constant_inputs, self.lower, self.upper):
             with suppress(InputError):  # a motion that runs away, or is not wanted: the path that is found is judged by itself
                 counts += substeps_needed(self.system, self.x0[None], np.tile(u, (self.steps, 1)), self.step, None, self.tolerance).tolist()
         return max(counts)
@@ -226,7 +229,7 @@ class DesignProblem(AbstractDisplay):
         return Grid(self.system.model.input_names, tuple(self.lower.tolist()), tuple(self.upper.tolist()), self.steps, self.step)
 
     @property
-    def judged_states(self) -> np.ndarray:
+    def about_indices(self) -> np.ndarray:
         """Indices of the states that are judged."""
         names = self.system.model.state_names
         return np.array([names.index(name) for name in self.about or names])
@@ -235,17 +238,17 @@ class DesignProblem(AbstractDisplay):
         """S W S (..., n, n), without unit."""
         return W * (self.units[:, None] * self.units)  # in this order what is symmetric stays so, to the last bit
 
-    def counted(self, W: np.ndarray) -> np.ndarray:
+    def criterion_matrix(self, W: np.ndarray) -> np.ndarray:
         """S (W + known) S (..., n, n), without unit: what of the samples' information W (..., n, n) and of `known` the criterion sees."""
         return self.scaled(W + np.asarray(self.known))
 
-    def rated(self, W: np.ndarray) -> float:
+    def criterion_value(self, W: np.ndarray) -> float:
         """Return the criterion of information W (n, n): of S (W + known) S, about the judged states."""
-        return self.criterion.value(shadow(self.counted(W), self.judged_states))
+        return self.criterion.value(schur_complement(self.criterion_matrix(W), self.about_indices))
 
     def value(self, path: Trajectory) -> float:
         """criterion(S (W + known) S) of a path, recomputed by the analysis code; prices are not in it."""
-        return self.rated(self.judged(path))
+        return self.criterion_value(self.information_matrix(path))
 
     def values(self, starts: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the value (R,) of the path from each of the starts (R, n), with inputs u (N, m), or (R, N, m) for each its own.
@@ -256,28 +259,28 @@ class DesignProblem(AbstractDisplay):
             sums = batch_information(self.system, starts, u, self.step, tolerance=self.tolerance).sum(axis=1)
         else:
             sums = np.zeros((len(starts), self.x0.size, self.x0.size))
-        each = np.broadcast_to(u, (len(starts), *u.shape[-2:]))
+        inputs = np.broadcast_to(u, (len(starts), *u.shape[-2:]))
         return np.array(
             [
-                self.value(simulate(self.system, x, own, self.step, tolerance=self.tolerance))
+                self.value(simulate(self.system, x, own_inputs, self.step, tolerance=self.tolerance))
                 if may_be_singular(self.scaled(W))
-                else self.rated(W)
-                for W, x, own in zip(sums, starts, each, strict=True)
+                else self.criterion_value(W)
+                for W, x, own_inputs in zip(sums, starts, inputs, strict=True)
             ]
         )
 
     def matrix(self, path: Trajectory) -> np.ndarray:
         """S (W + known) S (n, n) of a path."""
-        return self.counted(self.judged(path))
+        return self.criterion_matrix(self.information_matrix(path))
 
-    def judged(self, path: Trajectory) -> np.ndarray:
+    def information_matrix(self, path: Trajectory) -> np.ndarray:
         """Return the matrix (n, n) that the criterion judges of a path: W about x(t_0), or J after the last samples."""
-        known = self.criterion.knowledge
-        if known is None:
+        knowledge = self.criterion.knowledge
+        if knowledge is None:
             W = path_information(self.system, path, None if self.weights is None else np.asarray(self.weights))
             residues = self.weights is None and may_be_singular(self.scaled(W))
-            return variational_gramian(self.system, path).sight.information if residues else W
-        return posterior_information(self.system, path, known.prior, known.disturbance_psd, known.unknown_inputs)[-2]
+            return variational_gramian(self.system, path).visibility.information if residues else W
+        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs)[-2]
 
     @property
     def position(self) -> tuple[int, int]:

@@ -82,19 +82,19 @@ def _require_states(problem: DesignProblem) -> None:
 
 
 def _require_known_information(problem: DesignProblem, n: int) -> None:
-    known = np.asarray(problem.known)
-    fits = known.shape == (n, n) and bool(np.isfinite(known).all())
+    information = np.asarray(problem.known)
+    fits = information.shape == (n, n) and bool(np.isfinite(information).all())
     if not fits:
-        raise InputError(f"known has shape {known.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
-    sizes = np.sqrt(np.maximum(np.diag(known), 0.0))  # of each state in its own unit
+        raise InputError(f"known has shape {information.shape}: must be ({n}, {n}), finite, symmetric and positive semidefinite")
+    sizes = np.sqrt(np.maximum(np.diag(information), 0.0))  # of each state in its own unit
     units = np.where(sizes > 0, sizes, 1.0)
-    skew = np.abs(known - known.T) - 1e-9 * np.outer(units, units)
-    beyond = np.abs(known) - (1 + 1e-9) * np.outer(sizes, sizes)
-    for excess, what in ((skew, "symmetric"), (beyond, "positive semidefinite: an entry is at most the root of the two beside it")):
+    skew = np.abs(information - information.T) - 1e-9 * np.outer(units, units)
+    excess_entries = np.abs(information) - (1 + 1e-9) * np.outer(sizes, sizes)
+    for excess, what in ((skew, "symmetric"), (excess_entries, "positive semidefinite: an entry is at most the root of the two beside it")):
         if excess.max(initial=0.0) > 0:
-            i, j = (int(each) for each in np.unravel_index(int(excess.argmax()), excess.shape))
-            raise InputError(f"known[{i}, {j}] is {known[i, j]:g} and known[{j}, {i}] {known[j, i]:g}: must be {what}")
-    lowest = float(np.linalg.eigvalsh(known / np.outer(units, units))[0])
+            i, j = (int(index) for index in np.unravel_index(int(excess.argmax()), excess.shape))
+            raise InputError(f"known[{i}, {j}] is {information[i, j]:g} and known[{j}, {i}] {information[j, i]:g}: must be {what}")
+    lowest = float(np.linalg.eigvalsh(information / np.outer(units, units))[0])
     if lowest < -1e-9:
         raise InputError(f"known, scaled to unit diagonal, has the eigenvalue {lowest:.3g}: must be positive semidefinite")
 
@@ -112,12 +112,12 @@ def _require_weights(problem: DesignProblem) -> None:
     if not (np.isfinite(weights).all() and (weights >= 0).all()):
         raise InputError(f"weights go from {weights.min():g} to {weights.max():g}: every one must be finite and at least 0")
     coloured = colour_of(problem.system.model)
-    if coloured is not None and (weights[:, list(coloured.places)] > 1).any():
+    if coloured is not None and (weights[:, list(coloured.sensor_indices)] > 1).any():
         raise InputError(
             f"weights of {', '.join(coloured.sensors)} go beyond 1: errors that are not independent cannot be weighed, only left out"
         )
-    for what, other in (("a posterior criterion", problem.criterion.knowledge), ("robust", problem.robust)):
-        if other is not None:
+    for what, conflicting in (("a posterior criterion", problem.criterion.knowledge), ("robust", problem.robust)):
+        if conflicting is not None:
             raise InputError(f"weights: {what} does not know of weights; use one of the two")
 
 
@@ -126,9 +126,9 @@ def _require_start(problem: DesignProblem) -> None:
     for constraint in problem.constraints:
         require_known(f"{constraint}: the state", constraint.states, model.state_names)
     if model.landmarks:
-        place = tuple(problem.x0[list(problem.position)])
+        position = tuple(problem.x0[list(problem.position)])
         for point in model.landmarks:
-            if place == tuple(point):
+            if position == tuple(point):
                 raise InputError(f"start lies on the landmark {point}: range and bearing have no derivative there")
     state = dict(zip(model.state_names, problem.x0.tolist(), strict=True))
     moment = Moment(state, {}, {}, model.landmarks)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.feasibility import Shortfall
+from obsdesign.design.feasibility import Violation
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.information.blocks import Information
@@ -95,7 +95,7 @@ class Design(AbstractDisplay):
     """The best path found for a problem.
 
     value = criterion(S W S), recomputed by the analysis code. trajectory and information are None when no start found an answer; `starts`
-    tells what each did, `shortfalls` what stood in the way, `reason` the same in words.
+    tells what each did, `violations` what stood in the way, `reason` the same in words.
     """
 
     problem: DesignProblem
@@ -130,7 +130,7 @@ class Design(AbstractDisplay):
     """The criterion over fresh draws of the prior, where the problem is robust."""
     evidence: Evidence | None = None
     """How much better another path might be, where it was asked for."""
-    shortfalls: tuple[Shortfall, ...] = ()
+    violations: tuple[Violation, ...] = ()
     """The limits that stood in the way."""
     reason: str = ""
     """Why there is no answer, in words; "" where there is one."""

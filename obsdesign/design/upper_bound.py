@@ -12,7 +12,7 @@ from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.dynamics.step import blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import Colour, colour_of
-from obsdesign.information.whitening import seen_of
+from obsdesign.information.whitening import outputs_with_colour
 from obsdesign.round_off import smallest_eigenvalue
 
 
@@ -26,48 +26,48 @@ def cap_of(problem: DesignProblem) -> Cap | None:
     """
     if not isinstance(problem.criterion, MinEigenvalue) or problem.about or problem.prices:
         return None
-    block = np.flatnonzero(_unmoved(problem))
+    block = np.flatnonzero(_path_independent_diagonal(problem))
     if not block.size:
         return None
     grid = problem.grid
-    idle = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step, tolerance=problem.tolerance)
-    W = problem.matrix(idle)
+    centre_path = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step, tolerance=problem.tolerance)
+    W = problem.matrix(centre_path)
     names = tuple(problem.system.model.state_names[i] for i in block)
     return Cap(smallest_eigenvalue(W[np.ix_(block, block)]), names)
 
 
-def _unmoved(problem: DesignProblem) -> np.ndarray:
+def _path_independent_diagonal(problem: DesignProblem) -> np.ndarray:
     """Which diagonal entries (n,) of W no path changes."""
     model = problem.system.model
-    n, one = len(model.states), step_of(model, problem.step, problem.substeps).without_disturbance()
-    shape = sensitivity_of(model, problem.step, problem.substeps)
-    moved = np.zeros(shape.free.numel(), dtype=bool)  # entries of Phi that depend on the path
-    symbols = ca.vertsplit(shape.free)
+    n, step = len(model.states), step_of(model, problem.step, problem.substeps).without_disturbance()
+    sensitivity = sensitivity_of(model, problem.step, problem.substeps)
+    varies = np.zeros(sensitivity.free.numel(), dtype=bool)  # entries of Phi that depend on the path
+    symbols = ca.vertsplit(sensitivity.free)
     while True:
-        causes = ca.vertcat(one.x, one.u, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
-        now = np.array([ca.depends_on(shape.next[i], causes) for i in range(len(moved))], dtype=bool) | moved
-        if (now == moved).all():
+        causes = ca.vertcat(step.x, step.u, *[symbol for symbol, is_varying in zip(symbols, varies, strict=True) if is_varying])
+        next_varies = np.array([ca.depends_on(sensitivity.free_next[i], causes) for i in range(len(varies))], dtype=bool) | varies
+        if (next_varies == varies).all():
             break
-        moved = now
-    causes = ca.vertcat(one.x, *[symbol for symbol, is_moved in zip(symbols, moved, strict=True) if is_moved])
-    blocks = blocks_of(model, shape.Phi)
-    coloured = () if (colour := colour_of(model)) is None else colour.places
-    white = [block for s, block in enumerate(blocks) if s not in coloured]
-    still = np.array([not any(block.has_nz(i, i) and ca.depends_on(block[i, i], causes) for block in white) for i in range(n)])
-    return still if colour is None else still & _unmoved_rows(model, colour, shape.Phi, causes)
+        varies = next_varies
+    causes = ca.vertcat(step.x, *[symbol for symbol, is_varying in zip(symbols, varies, strict=True) if is_varying])
+    blocks = blocks_of(model, sensitivity.Phi)
+    correlated = () if (colour := colour_of(model)) is None else colour.sensor_indices
+    white = [block for s, block in enumerate(blocks) if s not in correlated]
+    is_constant = np.array([not any(block.has_nz(i, i) and ca.depends_on(block[i, i], causes) for block in white) for i in range(n)])
+    return is_constant if colour is None else is_constant & _path_independent_rows(model, colour, sensitivity.Phi, causes)
 
 
-def _unmoved_rows(model: Model, colour: Colour, Phi: ca.SX, causes: ca.SX) -> np.ndarray:
+def _path_independent_rows(model: Model, colour: Colour, Phi: ca.SX, causes: ca.SX) -> np.ndarray:
     """For which states (n,) no path changes what outputs say whose errors are not independent.
 
     W_ij is made of the rows' columns i and j, spreads and gates, of all outputs whose errors belong together: all constant, or 0.
     """
-    seen, n = seen_of(model, colour, Phi), Phi.shape[1]
-    still = np.ones(n, dtype=bool)
-    for members in map(list, colour.together):
-        noise = ca.vertcat(seen.level[members], seen.gate[members])
+    rows, n = outputs_with_colour(model, colour, Phi), Phi.shape[1]
+    is_constant = np.ones(n, dtype=bool)
+    for members in map(list, colour.error_groups):
+        noise = ca.vertcat(rows.level[members], rows.gate[members])
         for i in range(n):
-            column = ca.sparsify(seen.rows[members, i])
+            column = ca.sparsify(rows.rows[members, i])
             if column.nnz() and ca.depends_on(ca.vertcat(ca.densify(column), noise), causes):
-                still[i] = False
-    return still
+                is_constant[i] = False
+    return is_constant

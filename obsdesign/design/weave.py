@@ -15,9 +15,9 @@ from obsdesign.dynamics.simulation import simulate, states_from
 from obsdesign.errors import InputError
 from obsdesign.trajectory import Trajectory
 
-_LEAD = 5.0  # seconds in which the course is turned to before weaving
-_JUDGED = 64  # weaves of highest value that are judged by the prior's draws too, where the problem is robust
-_KEPT = 3  # points of a grid about which it is refined: the value has many local maxima
+_LEAD_SECONDS = 5.0  # seconds in which the course is turned to before weaving
+_RATED_BY_DRAWS = 64  # weaves of highest value that are judged by the prior's draws too, where the problem is robust
+_BEST_COUNT = 3  # points of a grid about which it is refined: the value has many local maxima
 # course [rad], swing [rad], period [durations]: middle and half width of the grid
 _CENTRE, _WIDTH = np.array([0.0, 0.9, 0.5]), np.array([0.6, 0.9, 0.45])
 _TURN = "turn_rate"
@@ -41,10 +41,10 @@ class Weave:
         return np.diff(heading) / step
 
     def _heading(self, t: np.ndarray) -> np.ndarray:
-        return self.course * np.clip(t / _LEAD, 0, 1) + self.side * self.swing * np.sin(2 * np.pi * t / self.period)
+        return self.course * np.clip(t / _LEAD_SECONDS, 0, 1) + self.side * self.swing * np.sin(2 * np.pi * t / self.period)
 
 
-_Rated = tuple[float, Weave, Trajectory]
+_RatedWeave = tuple[float, Weave, Trajectory]
 
 
 def best_weave(problem: DesignProblem) -> tuple[Weave, Trajectory] | None:
@@ -56,42 +56,44 @@ def best_weave(problem: DesignProblem) -> tuple[Weave, Trajectory] | None:
     """
     if _TURN not in problem.system.model.input_names:
         raise InputError("a weave needs a vehicle with a turn_rate")
-    found = _best_of(problem, _grid(problem, _CENTRE, _WIDTH, 11, (1, -1)))
+    best = _best_of(problem, _grid(problem, _CENTRE, _WIDTH, 11, (1, -1)))
     for width in (_WIDTH / 6, _WIDTH / 15, _WIDTH / 40):
-        near = [weave for _, weave, _ in found for weave in _grid(problem, _place(problem, weave), width, 5, (weave.side,))]
-        found = sorted([*found, *_best_of(problem, near)], key=lambda candidate: -candidate[0])[:_KEPT]
-    return found[0][1:] if found else None
+        neighbours = [weave for _, weave, _ in best for weave in _grid(problem, _grid_point(problem, weave), width, 5, (weave.side,))]
+        best = sorted([*best, *_best_of(problem, neighbours)], key=lambda candidate: -candidate[0])[:_BEST_COUNT]
+    return best[0][1:] if best else None
 
 
-def _place(problem: DesignProblem, weave: Weave) -> np.ndarray:
+def _grid_point(problem: DesignProblem, weave: Weave) -> np.ndarray:
     return np.array([weave.course, weave.swing, weave.period / problem.longest])
 
 
 def _grid(problem: DesignProblem, centre: np.ndarray, width: np.ndarray, points: int, sides: tuple[int, ...]) -> list[Weave]:
     courses, swings, periods = (np.linspace(c - w, c + w, points) for c, w in zip(centre, width, strict=True))
-    allowed = periods[periods * problem.longest > 4 * problem.step]
+    long_enough = periods[periods * problem.longest > 4 * problem.step]
     return [
         Weave(float(course), float(swing), float(period) * problem.longest, side)
         for course in courses
         for swing in swings[swings > 0]
-        for period in allowed
+        for period in long_enough
         for side in sides
     ]
 
 
-def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_Rated]:
+def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_RatedWeave]:
     """Return the best few of the weaves that meet all limits, best first."""
     if not weaves:
         return []
     inputs = np.stack([_inputs(problem, weave) for weave in weaves])
-    inside = np.flatnonzero(np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)) & _is_slow(problem, inputs))
-    states = _flown(problem, inputs[inside]) if inside.size else []
-    kept = [i for i, x in zip(inside, states, strict=True) if node_margins(problem, x, inputs[i]).min(initial=0.0) >= 0]
-    allowed = _allowed(problem, [weaves[i] for i in kept], inputs[kept]) if kept else iter(())
-    return list(islice(allowed, _KEPT))
+    within_bounds = np.flatnonzero(
+        np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)) & _keeps_rates(problem, inputs)
+    )
+    states = _simulate_states(problem, inputs[within_bounds]) if within_bounds.size else []
+    within_limits = [i for i, x in zip(within_bounds, states, strict=True) if node_margins(problem, x, inputs[i]).min(initial=0.0) >= 0]
+    feasible = _feasible_weaves(problem, [weaves[i] for i in within_limits], inputs[within_limits]) if within_limits else iter(())
+    return list(islice(feasible, _BEST_COUNT))
 
 
-def _allowed(problem: DesignProblem, weaves: list[Weave], inputs: np.ndarray) -> Iterator[_Rated]:
+def _feasible_weaves(problem: DesignProblem, weaves: list[Weave], inputs: np.ndarray) -> Iterator[_RatedWeave]:
     """Yield those of the weaves with inputs (R, N, m) that break no limit between nodes either, best first."""
     values = _objectives(problem, inputs)
     for i in np.argsort(-values, kind="stable"):
@@ -102,24 +104,24 @@ def _allowed(problem: DesignProblem, weaves: list[Weave], inputs: np.ndarray) ->
 
 def _objectives(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
     """What is maximised (R,) of the paths of R input histories (R, N, m)."""
-    found = problem.values(np.tile(problem.x0, (len(inputs), 1)), inputs)
+    values = problem.values(np.tile(problem.x0, (len(inputs), 1)), inputs)
     if not problem.prices and problem.robust is None:
-        return found
-    judged = np.arange(len(inputs)) if problem.robust is None else np.argsort(-found, kind="stable")[:_JUDGED]
-    paths = [simulate(problem.system, problem.x0, inputs[i], problem.step, tolerance=problem.tolerance) for i in judged]
+        return values
+    selected = np.arange(len(inputs)) if problem.robust is None else np.argsort(-values, kind="stable")[:_RATED_BY_DRAWS]
+    paths = [simulate(problem.system, problem.x0, inputs[i], problem.step, tolerance=problem.tolerance) for i in selected]
     objectives = np.full(len(inputs), -np.inf)
     if problem.robust is None:
-        objectives[judged] = found - [price_of(problem, path) for path in paths]
+        objectives[selected] = values - [price_of(problem, path) for path in paths]
     else:
-        objectives[judged] = [objective_of(problem, path) for path in paths]
+        objectives[selected] = [objective_of(problem, path) for path in paths]
     return objectives
 
 
-def _is_slow(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
+def _keeps_rates(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
     """Whether (R,) inputs (R, N, m) change no faster than their rates."""
     names = problem.system.model.input_names
-    fastest = np.array([problem.rates.get(name, np.inf) for name in names])
-    return np.all(np.abs(np.diff(inputs, axis=1)) <= fastest * problem.step, axis=(1, 2))
+    rate_limits = np.array([problem.rates.get(name, np.inf) for name in names])
+    return np.all(np.abs(np.diff(inputs, axis=1)) <= rate_limits * problem.step, axis=(1, 2))
 
 
 def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:
@@ -129,6 +131,6 @@ def _inputs(problem: DesignProblem, weave: Weave) -> np.ndarray:
     return u
 
 
-def _flown(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
+def _simulate_states(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
     """States (R, N+1, n) of the paths of R input histories (R, N, m)."""
     return states_from(problem.system, np.tile(problem.x0, (len(inputs), 1)), inputs, problem.step, substeps=problem.substeps)

@@ -74,14 +74,14 @@ class ControlAffineSystem(AbstractSystem):
         for j, name in enumerate(inputs):
             for i in range(rate.numel()):
                 if ca.depends_on(slopes[i, j], symbols):
-                    raise InputError(f"the rate of {names[i]} = {_shortened(rate[i])} is not affine in {name!r}")
+                    raise InputError(f"the rate of {names[i]} = {_abbreviate(rate[i])} is not affine in {name!r}")
         # values, not slopes: a derivative would round products of constants
         drift = ca.substitute(rate, symbols, ca.SX.zeros(symbols.numel())) if inputs else rate
         column = {}
         for j, name in enumerate(inputs):
             unit = ca.SX([float(k == j) for k in range(len(inputs))])
-            acts = ca.densify(ca.SX([float(slopes[i, j].nnz() > 0) for i in range(rate.numel())]))
-            column[name] = acts * (ca.substitute(rate, symbols, unit) - drift)
+            is_driven = ca.densify(ca.SX([float(slopes[i, j].nnz() > 0) for i in range(rate.numel())]))
+            column[name] = is_driven * (ca.substitute(rate, symbols, unit) - drift)
         groups = [{name: column[name] for name in group} for group in (known, unknown)]
         return cls(state, tuple(names), drift, groups[0], groups[1], dict(outputs or {}), dict(sigmas or {}), tuple(angles))
 
@@ -108,9 +108,11 @@ class ControlAffineSystem(AbstractSystem):
             raise InputError(f"state is {self.state}: must be a column of distinct SX symbols")
         if len(self.names) != n:
             raise InputError(f"names has {len(self.names)} entries: the state has {n}")
-        measured = {name for i, name in enumerate(self.names) if name in self.outputs and ca.is_equal(self.outputs[name], self.state[i])}
-        every = [*self.names, *self.known, *self.unknown, *(name for name in self.outputs if name not in measured)]
-        repeated = sorted({name for name in every if every.count(name) > 1})
+        measured_states = {
+            name for i, name in enumerate(self.names) if name in self.outputs and ca.is_equal(self.outputs[name], self.state[i])
+        }
+        all_names = [*self.names, *self.known, *self.unknown, *(name for name in self.outputs if name not in measured_states)]
+        repeated = sorted({name for name in all_names if all_names.count(name) > 1})
         if repeated:
             raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")
         inputs = {**dict.fromkeys(self.known, "known input"), **dict.fromkeys(self.unknown, "unknown input")}
@@ -154,8 +156,8 @@ class ControlAffineSystem(AbstractSystem):
         names = (self.names, tuple(self.known), tuple(self.unknown), tuple(self.outputs))
         return graph, names, tuple(sorted(self.sigmas.items())), self.angles
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, ControlAffineSystem) and self._key == other._key
+    def __eq__(self, value: object) -> bool:
+        return isinstance(value, ControlAffineSystem) and self._key == value._key
 
     def __hash__(self) -> int:
         return hash(self._key)
@@ -173,11 +175,11 @@ def _restore(
 ) -> ControlAffineSystem:
     import casadi as ca
 
-    state_names, known, unknown, outputs = names
+    state_names, known_names, unknown_names, output_names = names
     x = ca.vertcat(*(ca.SX.sym(name) for name in state_names))
     values = iter(ca.Function.deserialize(graph).call([x]))
     drift = next(values)
-    groups = [{name: next(values) for name in group} for group in (known, unknown, outputs)]
+    groups = [{name: next(values) for name in group} for group in (known_names, unknown_names, output_names)]
     system = ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles)
     # the restored graph may be written in another order: its key stays the one it was made from
     object.__setattr__(system, "_key", (graph, names, sigmas, angles))
@@ -190,7 +192,7 @@ def _as_expression(what: str, value: object) -> ca.SX:
     try:
         return ca.SX(value)  # pyright: ignore[reportArgumentType, reportCallIssue]
     except NotImplementedError:
-        raise InputError(f"{what} is {_shortened(value)}: must be a CasADi SX expression, such as casadi.vertcat(...) of some") from None
+        raise InputError(f"{what} is {_abbreviate(value)}: must be a CasADi SX expression, such as casadi.vertcat(...) of some") from None
 
 
 def _require_expression(what: str, expression: ca.SX, state: ca.SX, shape: tuple[int, int], inputs: Mapping[str, str]) -> None:
@@ -202,16 +204,16 @@ def _require_expression(what: str, expression: ca.SX, state: ca.SX, shape: tuple
     free = [symbol for symbol in ca.symvar(expression) if not ca.depends_on(symbol, state)]
     if free:
         name = free[0].name()
-        found = (
+        cause = (
             f"the {inputs[name]} {name!r}: the rate must be affine in inputs, and outputs free of them"
             if name in inputs
             else f"the free symbol {name}"
         )
-        own = ", ".join(sorted(symbol.name() for symbol in ca.symvar(state)))
-        raise InputError(f"{what} = {_shortened(expression)} contains {found}; only the state may appear ({own})")
+        state_names = ", ".join(sorted(symbol.name() for symbol in ca.symvar(state)))
+        raise InputError(f"{what} = {_abbreviate(expression)} contains {cause}; only the state may appear ({state_names})")
 
 
-def _shortened(expression: object) -> str:
+def _abbreviate(expression: object) -> str:
     text = str(expression)
     return text if len(text) <= 80 else f"{text[:77]}..."
 

@@ -39,18 +39,18 @@ class Noise:
         return not (self.correlation or self.bias)
 
     @property
-    def stationary(self) -> ca.SX:
+    def stationary_variance(self) -> ca.SX:
         """(inflation spread)^2, the variance of one sample's first-order part."""
         return (self.inflation * self.spread) ** 2
 
     @property
-    def missing(self) -> ca.SX:
+    def missing_variance(self) -> ca.SX:
         """White variance that stands for samples that do not arrive, (stationary + bias^2) (1 - gate) / gate; inf where gate is 0.
 
         One sample alone then says gate C'C / (stationary + bias^2). Of a sequence whose samples arrive independently of each
         other, it says no more than is expected of those that arrive, and exactly that at a gate of 0 or 1.
         """
-        return (self.stationary + self.bias**2) * (1 - self.gate) / self.gate
+        return (self.stationary_variance + self.bias**2) * (1 - self.gate) / self.gate
 
     @property
     def variance(self) -> ca.SX:
@@ -161,27 +161,27 @@ class Model:
         """Covariance (q, q) of the first-order parts of all outputs at one instant, sparse: diagonal but for joint noise."""
         import casadi as ca
 
-        R = ca.diag(ca.vertcat(*[ca.SX.ones(len(each.outputs)) * each.noise.stationary for each in self.channels]))
+        R = ca.diag(ca.vertcat(*[ca.SX.ones(len(sensor.outputs)) * sensor.noise.stationary_variance for sensor in self.channels]))
         inflation = {channel.name: channel.noise.inflation for channel in self.channels}
         for group in self.joint:
-            place = [j for name in group.sensors for j in self.outputs_of[name]]
+            indices = [j for name in group.sensors for j in self.outputs_of[name]]
             factor = [inflation[name] for name in group.sensors for _ in self.outputs_of[name]]
             for a, row in enumerate(group.covariance):
                 for b, value in enumerate(row):
                     if value:
-                        R[place[a], place[b]] = factor[a] * factor[b] * value
+                        R[indices[a], indices[b]] = factor[a] * factor[b] * value
         return R
 
     @property
-    def instant_root(self) -> np.ndarray:
+    def correlation_root(self) -> np.ndarray:
         """Lower triangular L (q, q), L L' the correlation of all outputs' first-order parts at one instant: errors are spread (L white)."""
         import numpy as np
 
         correlation = np.eye(len(self.outputs))
         for group in self.joint:
-            place = [j for name in group.sensors for j in self.outputs_of[name]]
+            indices = [j for name in group.sensors for j in self.outputs_of[name]]
             R = np.array(group.covariance)
-            correlation[np.ix_(place, place)] = R / np.sqrt(np.outer(np.diag(R), np.diag(R)))
+            correlation[np.ix_(indices, indices)] = R / np.sqrt(np.outer(np.diag(R), np.diag(R)))
         return np.linalg.cholesky(correlation)
 
     def only(self, sensors: Sequence[str]) -> Model:
@@ -189,16 +189,16 @@ class Model:
         require_known("the system", sensors, self.sensor_names)
         channels = tuple(channel for channel in self.channels if channel.name in sensors)
         return replace(
-            self, channels=channels, joint=tuple(_part(self, group, sensors) for group in self.joint if set(group.sensors) & set(sensors))
+            self, channels=channels, joint=tuple(_subset(self, group, sensors) for group in self.joint if set(group.sensors) & set(sensors))
         )
 
 
-def _part(model: Model, group: JointNoise, sensors: Sequence[str]) -> JointNoise:
+def _subset(model: Model, group: JointNoise, sensors: Sequence[str]) -> JointNoise:
     """The group without the sensors that are not named."""
-    kept = [name for name in group.sensors if name in sensors]
+    names = [name for name in group.sensors if name in sensors]
     owner = [name for name in group.sensors for _ in model.outputs_of[name]]
-    places = [i for i, name in enumerate(owner) if name in kept]
-    return JointNoise(tuple(kept), tuple(tuple(group.covariance[i][j] for j in places) for i in places))
+    indices = [i for i, name in enumerate(owner) if name in names]
+    return JointNoise(tuple(names), tuple(tuple(group.covariance[i][j] for j in indices) for i in indices))
 
 
 class AbstractSystem(AbstractDisplay):

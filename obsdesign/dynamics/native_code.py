@@ -20,22 +20,22 @@ import casadi as ca
 import platformdirs
 
 FLAGS = ("-shared", "-fPIC", "-ffp-contract=off")  # no fused multiply-add: the virtual machine has none, the numbers are the same
-SWITCH = "OBSDESIGN_COMPILE"
-LONG, LONGEST = 3_000, 30_000  # operations: from the first on compilers optimise less, beyond the second they take too long
-_KEPT = 400  # files in the cache folder; the longest unused go first
+ENVIRONMENT_VARIABLE = "OBSDESIGN_COMPILE"
+LONG_SOURCE, MAX_OPERATIONS = 3_000, 30_000  # operations: from the first on compilers optimise less, beyond the second they take too long
+_MAX_FILES = 400  # files in the cache folder; the longest unused go first
 _TIMEOUT = 120.0  # seconds a compiler may take
 
-Wish = Literal["never", "when worth it", "at once"]
+CompilePolicy = Literal["never", "when worth it", "at once"]
 
 
-def wish() -> Wish:
+def compile_policy() -> CompilePolicy:
     """Return what the environment asks for: OBSDESIGN_COMPILE=0 never, 1 at once, else when a function has run long enough."""
-    value = os.environ.get(SWITCH, "")
+    value = os.environ.get(ENVIRONMENT_VARIABLE, "")
     return "never" if value == "0" else "at once" if value == "1" else "when worth it"
 
 
 @dataclass(frozen=True)
-class Compiled:
+class NativeFunction:
     """Machine code, or the reason why there is none."""
 
     entry: Any  # a C function, or None
@@ -54,18 +54,18 @@ class Compiler:
 @cache
 def compiler() -> Compiler:
     """Return $CC, cc, gcc or clang, whichever is found first."""
-    asked = os.environ.get("CC")
-    names = (asked,) if asked else ("cc", "gcc", "clang")
-    found = next((path for path in map(shutil.which, names) if path), None)
-    if found is None:
+    requested = os.environ.get("CC")
+    names = (requested,) if requested else ("cc", "gcc", "clang")
+    executable = next((path for path in map(shutil.which, names) if path), None)
+    if executable is None:
         return Compiler("", "", f"no C compiler ({', '.join(names)}) is on the path")
     try:
         version = subprocess.run(
-            [found, "--version"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=True
+            [executable, "--version"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=True
         ).stdout
     except (OSError, subprocess.SubprocessError) as error:
-        return Compiler("", "", f"{found} does not run: {error}")
-    return Compiler(found, version)
+        return Compiler("", "", f"{executable} does not run: {error}")
+    return Compiler(executable, version)
 
 
 @cache
@@ -79,7 +79,7 @@ def processor() -> str:
     return f"{sys.platform} {platform.machine()} {name or platform.processor()}"
 
 
-def folder() -> Path:
+def cache_folder() -> Path:
     """Return where compiled functions are kept."""
     return platformdirs.user_cache_path("obsdesign") / "compiled"
 
@@ -91,62 +91,62 @@ def source_of(function: ca.Function, driver: str) -> str:
     return f"{generator.dump()}\n{driver}\n"
 
 
-def load(source: str, entry: str, operations: int, *, only_kept: bool = False) -> Compiled | None:
+def load(source: str, entry: str, operations: int, *, only_cached: bool = False) -> NativeFunction | None:
     """Return the entry of a source as machine code, from the cache folder or newly compiled; None if only_kept and not there.
 
     operations: how long the source is. Never raises: what went wrong is the reason. Two processes may do this at once: each
     writes a file of its own and renames it.
     """
-    tool = compiler()
-    if not tool.path:
-        return Compiled(None, tool.reason)
-    if operations > LONGEST:
-        return Compiled(None, f"{operations} operations are too many for a compiler (at most {LONGEST})")
-    flags = ("-O2" if operations < LONG else "-O1", *FLAGS)
-    key = "\n".join([source, processor(), tool.path, tool.version, *flags])
-    target = folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.so"
+    c_compiler = compiler()
+    if not c_compiler.path:
+        return NativeFunction(None, c_compiler.reason)
+    if operations > MAX_OPERATIONS:
+        return NativeFunction(None, f"{operations} operations are too many for a compiler (at most {MAX_OPERATIONS})")
+    flags = ("-O2" if operations < LONG_SOURCE else "-O1", *FLAGS)
+    key = "\n".join([source, processor(), c_compiler.path, c_compiler.version, *flags])
+    target = cache_folder() / f"{hashlib.sha256(key.encode()).hexdigest()}.so"
     try:
         if target.exists():
-            return _loaded(target, entry)
-        if only_kept:
+            return _open_library(target, entry)
+        if only_cached:
             return None
         target.parent.mkdir(parents=True, exist_ok=True)
-        _compile([tool.path, *flags], source, target)
-        _forget_unused(target.parent)
-        return _loaded(target, entry)
+        _compile([c_compiler.path, *flags], source, target)
+        _evict_unused(target.parent)
+        return _open_library(target, entry)
     except (OSError, AttributeError, subprocess.SubprocessError) as error:
-        return Compiled(None, _told(error))
+        return NativeFunction(None, _failure_text(error))
 
 
-def _loaded(target: Path, entry: str) -> Compiled:
+def _open_library(target: Path, entry: str) -> NativeFunction:
     """Open a compiled file; one that does not open is thrown away, for the next to make it anew."""
     try:
-        found = getattr(ctypes.CDLL(str(target)), entry)
-        found.argtypes = [ctypes.c_longlong] * 2 + [ctypes.c_void_p] * 5
+        function = getattr(ctypes.CDLL(str(target)), entry)
+        function.argtypes = [ctypes.c_longlong] * 2 + [ctypes.c_void_p] * 5
     except (OSError, AttributeError):
         target.unlink(missing_ok=True)
         raise
     os.utime(target)
-    return Compiled(found, "")
+    return NativeFunction(function, "")
 
 
 def _compile(command: list[str], source: str, target: Path) -> None:
     with tempfile.TemporaryDirectory(dir=target.parent) as scratch:
-        code, made = Path(scratch) / "step.c", Path(scratch) / "step.so"
+        code, library = Path(scratch) / "step.c", Path(scratch) / "step.so"
         code.write_text(source, encoding="utf-8")
         subprocess.run(
-            [*command, str(code), "-o", str(made), "-lm"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=True
+            [*command, str(code), "-o", str(library), "-lm"], capture_output=True, text=True, errors="replace", timeout=_TIMEOUT, check=True
         )
-        made.replace(target)
+        library.replace(target)
 
 
-def _forget_unused(kept_in: Path) -> None:
+def _evict_unused(folder: Path) -> None:
     with suppress(OSError):  # another process may do the same
-        files = sorted(kept_in.glob("*.so"), key=lambda file: file.stat().st_mtime)
-        for file in files[:-_KEPT]:
+        files = sorted(folder.glob("*.so"), key=lambda file: file.stat().st_mtime)
+        for file in files[:-_MAX_FILES]:
             file.unlink(missing_ok=True)
 
 
-def _told(error: Exception) -> str:
-    said = getattr(error, "stderr", None) or str(error)
-    return f"compiling failed: {said.strip().splitlines()[0] if said.strip() else type(error).__name__}"
+def _failure_text(error: Exception) -> str:
+    message = getattr(error, "stderr", None) or str(error)
+    return f"compiling failed: {message.strip().splitlines()[0] if message.strip() else type(error).__name__}"

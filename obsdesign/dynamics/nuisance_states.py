@@ -8,11 +8,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.step import CACHED, steps_per_sample
+from obsdesign.dynamics.step import CACHE_SIZE, steps_per_sample
 
 
 @dataclass(frozen=True, eq=False)
-class Nuisance:
+class NuisanceStates:
     """y_i = h_i(x) + s_i z_i + bias_i b_i for the outputs i of a model, s_i = inflation spread_i: z and b are nuisance states.
 
     coloured: the outputs (a of them) whose z_i is a state, z_k+1 = decay z_k + w_k from step to step, of covariance R (a, a), 1 on
@@ -33,7 +33,7 @@ class Nuisance:
         return len(self.coloured) + len(self.constant)
 
     @cached_property
-    def fresh(self) -> np.ndarray:
+    def driving_covariance(self) -> np.ndarray:
         """R_ij (1 - decay_i decay_j) (a, a), without loss where both are near 1."""
         with np.errstate(divide="ignore"):
             rate = np.log(self.decay)
@@ -46,17 +46,17 @@ class Nuisance:
 
     def loads(self, output: int) -> list[tuple[int, float]]:
         """Return where b stands in an error of this output, and its bias there; empty without a constant error."""
-        return [(place, self.bias[place]) for place, i in enumerate(self.constant) if i == output]
+        return [(index, self.bias[index]) for index, i in enumerate(self.constant) if i == output]
 
 
-@lru_cache(CACHED)
-def nuisance_of(model: Model, step: float) -> Nuisance:
+@lru_cache(CACHE_SIZE)
+def nuisance_of(model: Model, step: float) -> NuisanceStates:
     """Return the nuisance states of a model's sensors for steps of `step` seconds; raise InputError for rates that do not fit."""
     noises = [model.channels[sensor].noise for sensor in model.output_owner]
-    R = model.instant_root @ model.instant_root.T
-    alone = (R != 0).sum(axis=1) == 1
-    coloured = tuple(i for i, noise in enumerate(noises) if noise.correlation or not alone[i])
+    R = model.correlation_root @ model.correlation_root.T
+    is_uncorrelated = (R != 0).sum(axis=1) == 1
+    coloured = tuple(i for i, noise in enumerate(noises) if noise.correlation or not is_uncorrelated[i])
     constant = tuple(i for i, noise in enumerate(noises) if noise.bias)
     periods = steps_per_sample(model, step) if coloured else ()
     decay = np.array([noises[i].correlation ** (1 / periods[model.output_owner[i]]) for i in coloured])
-    return Nuisance(coloured, constant, decay, R[np.ix_(coloured, coloured)], np.array([noises[i].bias for i in constant]))
+    return NuisanceStates(coloured, constant, decay, R[np.ix_(coloured, coloured)], np.array([noises[i].bias for i in constant]))

@@ -14,7 +14,7 @@ import numpy as np
 from obsdesign.dynamics.model import Model
 from obsdesign.rank.graph import NotExactError, Ring, evaluate, instructions
 
-_CACHED = 64  # models that are remembered: trades memory for building a bound anew
+_CACHE_SIZE = 64  # models that are remembered: trades memory for building a bound anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,34 +44,34 @@ class Quadrature:
     def _evaluation(self) -> tuple[list[np.ndarray], np.ndarray, Callable[[], None], Lock]:
         """Arrays that `bound` reads and writes, and what evaluates it: a call with arrays would take ten times as long."""
         buffer, evaluate = self.bound.buffer()
-        given, found = [np.zeros(self.bound.numel_in(i)) for i in range(self.bound.n_in())], np.zeros(1)
-        for i, values in enumerate(given):
+        arguments, found = [np.zeros(self.bound.numel_in(i)) for i in range(self.bound.n_in())], np.zeros(1)
+        for i, values in enumerate(arguments):
             buffer.set_arg(i, memoryview(values))  # pyright: ignore
         buffer.set_res(0, memoryview(found))  # pyright: ignore
-        return given, found, partial(_evaluated, buffer, evaluate), Lock()
+        return arguments, found, partial(_call, buffer, evaluate), Lock()
 
 
-def _evaluated(_: object, evaluate: Callable[[], None]) -> None:
+def _call(_: object, evaluate: Callable[[], None]) -> None:
     """Evaluate; the buffer has to be there for as long as what evaluates it."""
     evaluate()
 
 
-@lru_cache(_CACHED)
+@lru_cache(_CACHE_SIZE)
 def quadrature_of(model: Model) -> Quadrature | None:
     """Return the bound of models whose rates depend on no state but those that held inputs alone move; None for others."""
     x = model.x
     rate = ca.densify(model.drift + model.B @ model.u + model.G @ model.w)
     by_inputs = [not ca.depends_on(rate[i], x) for i in range(x.numel())]
-    turning = [i for i, alone in enumerate(by_inputs) if alone]
-    others = [i for i, alone in enumerate(by_inputs) if not alone]
+    input_driven = [i for i, is_by_inputs in enumerate(by_inputs) if is_by_inputs]
+    others = [i for i, is_by_inputs in enumerate(by_inputs) if not is_by_inputs]
     if others and ca.depends_on(rate, x[others]):
         return None
-    z, g = x[turning], rate[others]
+    z, g = x[input_driven], rate[others]
     slopes = [ca.vec(ca.densify(ca.jacobian(g, value))) for value in (z, model.w)]
     functions = ca.vertcat(g, *slopes) if others else ca.SX(0, 1)
     fourth = functions
     for _ in range(4):
-        fourth = ca.jtimes(fourth, z, rate[turning]) if others else fourth
+        fourth = ca.jtimes(fourth, z, rate[input_driven]) if others else fourth
     sizes = [ca.SX.sym(name, symbol.numel()) for name, symbol in (("x", x), ("u", model.u), ("w", model.w))]
     try:
         bounds = [_magnitude(value, [x, model.u, model.w], sizes) for value in (fourth, functions)]

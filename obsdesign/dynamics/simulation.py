@@ -12,8 +12,8 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHED, step_of
-from obsdesign.dynamics.step_comparison import Walks
+from obsdesign.dynamics.step import CACHE_SIZE, step_of
+from obsdesign.dynamics.step_comparison import PathBatch
 from obsdesign.dynamics.substeps import substeps_for, substeps_from
 from obsdesign.errors import InputError
 from obsdesign.trajectory import TOLERANCE, Trajectory, path_of
@@ -40,16 +40,16 @@ def simulate(
     require_positive("dt", dt)
     require_tolerance(tolerance)
     start = as_state(system, x0, "x0")
-    known, unknown = as_known_and_unknown(system, u, w)
-    require_positive("dt times the number of steps", float(dt) * len(known))
-    substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
-    states = states_from(system, start[None], known, dt, unknown, substeps=substeps)[0]
+    u_known, w_unknown = as_input_arrays(system, u, w)
+    require_positive("dt times the number of steps", float(dt) * len(u_known))
+    substeps = int(substeps_needed(system, start[None], u_known, dt, w_unknown, tolerance)[0])
+    states = states_from(system, start[None], u_known, dt, w_unknown, substeps=substeps)[0]
     if not all_finite(states):
         k, i = np.argwhere(~np.isfinite(states))[0]
         name = system.model.state_names[i]
         where = f"from step {k} (t = {k * dt:g} s) on"
         raise InputError(f"{name} is {states[k, i]} {where}: the motion runs away, only a shorter path would do")
-    path = path_of(np.arange(len(states)) * dt, states, known, None if w is None else unknown, tolerance)
+    path = path_of(np.arange(len(states)) * dt, states, u_known, None if w is None else w_unknown, tolerance)
     path.substeps[system.model] = substeps
     return path
 
@@ -62,11 +62,11 @@ def substeps_needed(
     Raises InputError where that would be too many, with the step that would do.
     """
     model = system.model
-    by_structure = substeps_from(model, starts, u, w, dt, tolerance)
-    if by_structure is not None:
-        return by_structure
-    held = _together(u, np.zeros((1, len(model.unknown_inputs))) if w is None else w)
-    return substeps_for(Walks(model, dt, held, starts), tolerance)
+    counts = substeps_from(model, starts, u, w, dt, tolerance)
+    if counts is not None:
+        return counts
+    all_inputs = _stack_inputs(u, np.zeros((1, len(model.unknown_inputs))) if w is None else w)
+    return substeps_for(PathBatch(model, dt, all_inputs, starts), tolerance)
 
 
 def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
@@ -78,7 +78,7 @@ def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
     if model not in path.substeps:
         counts = substeps_from(model, path.x[:1], path.u, path.w, path.step, path.tolerance)
         if counts is None:
-            counts = substeps_for(Walks(model, path.step, held_along(system, path), path.x[None, :-1]), path.tolerance)
+            counts = substeps_for(PathBatch(model, path.step, all_inputs_along(system, path), path.x[None, :-1]), path.tolerance)
         path.substeps[model] = int(counts[0])
     return path.substeps[model]
 
@@ -89,25 +89,29 @@ def states_from(
     u: np.ndarray,
     dt: float,
     w: np.ndarray | None = None,
-    kicks: np.ndarray | None = None,
+    increments: np.ndarray | None = None,
     *,
     substeps: int = 1,
 ) -> np.ndarray:
     """Return the states (M, N+1, n) of M paths from starts (M, n), each step made of so many sub-steps.
 
-    u (N, m) or (M, N, m), w (N, p), (M, N, p) or None = 0; kicks (M, N, n) or None: added to the state after each step.
+    u (N, m) or (M, N, m), w (N, p), (M, N, p) or None = 0; increments (M, N, n) or None: added to the state after each step.
     """
-    rows = [u, np.zeros(len(system.model.unknown_inputs)) if w is None else w, *(() if kicks is None else (kicks,))]
-    later = _walk(system.model, dt, kicks is not None, substeps).run(starts, rows, u.shape[-2]).carries
-    return np.concatenate([starts[:, None], later], axis=1)
+    rows = [u, np.zeros(len(system.model.unknown_inputs)) if w is None else w, *(() if increments is None else (increments,))]
+    states = _state_scan(system.model, dt, increments is not None, substeps).run(starts, rows, u.shape[-2]).carries
+    return np.concatenate([starts[:, None], states], axis=1)
 
 
-@lru_cache(CACHED)
-def _walk(model: Model, dt: float, kicked: bool, substeps: int) -> Scan:
+@lru_cache(CACHE_SIZE)
+def _state_scan(model: Model, dt: float, has_increments: bool, substeps: int) -> Scan:
     import casadi as ca
 
-    one, kick = step_of(model, dt, substeps), ca.SX.sym("kick", len(model.states))
-    return Scan(one.x, [one.u, one.w, kick], one.x_next + kick) if kicked else Scan(one.x, [one.u, one.w], one.x_next)
+    step_graph, increment = step_of(model, dt, substeps), ca.SX.sym("kick", len(model.states))
+    return (
+        Scan(step_graph.x, [step_graph.u, step_graph.w, increment], step_graph.x_next + increment)
+        if has_increments
+        else Scan(step_graph.x, [step_graph.u, step_graph.w], step_graph.x_next)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +130,11 @@ class Readings:
 
 def readings(system: AbstractSystem, states: np.ndarray) -> Readings:
     """Return what the sensors read at states (M, N, n)."""
-    return Readings(*_reading(system.model).run(np.empty((len(states), 0)), [states], states.shape[1], carries=False).results)
+    return Readings(*_readings_scan(system.model).run(np.empty((len(states), 0)), [states], states.shape[1], carries=False).results)
 
 
-@lru_cache(CACHED)
-def _reading(model: Model) -> Scan:
+@lru_cache(CACHE_SIZE)
+def _readings_scan(model: Model) -> Scan:
     import casadi as ca
 
     noises = [(channel.noise, len(channel.outputs)) for channel in model.channels]
@@ -164,32 +168,32 @@ def as_scale(system: AbstractSystem, value: ArrayLike | None) -> np.ndarray:
     return scale
 
 
-def held_along(system: AbstractSystem, path: Trajectory) -> np.ndarray:
+def all_inputs_along(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return (u, w) (N, m + p) along a path of this system, w = 0 where the path does not tell it."""
     p = len(system.model.unknown_inputs)
-    return side_by_side(path.u, np.zeros((path.steps, p)) if path.w is None else path.w)
+    return join_inputs(path.u, np.zeros((path.steps, p)) if path.w is None else path.w)
 
 
-def _together(u: np.ndarray, w: np.ndarray) -> np.ndarray:
+def _stack_inputs(u: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Return (u, w) (N, m + p), or (M, N, m + p) where one of them is of each path its own."""
     shape = np.broadcast_shapes(u.shape[:-1], w.shape[:-1])
     return np.concatenate([np.broadcast_to(values, (*shape, values.shape[-1])) for values in (u, w)], axis=-1)
 
 
-def side_by_side(u: np.ndarray, w: np.ndarray) -> np.ndarray:
+def join_inputs(u: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Return (u, w) (N, m + p), u itself where nothing is unknown."""
     return np.hstack([u, w]) if w.shape[1] else u
 
 
-def as_known_and_unknown(system: AbstractSystem, u: ArrayLike, w: ArrayLike | None) -> tuple[np.ndarray, np.ndarray]:
+def as_input_arrays(system: AbstractSystem, u: ArrayLike, w: ArrayLike | None) -> tuple[np.ndarray, np.ndarray]:
     """Return u (N, m) and w (N, p), None = 0, or raise InputError unless both have the same number of steps, at least 1."""
     model = system.model
-    known = as_inputs(u, len(model.inputs), "u")
-    steps = len(known)
-    unknown = np.zeros((steps, len(model.unknown_inputs))) if w is None else as_inputs(w, len(model.unknown_inputs), "w")
-    if steps < 1 or len(unknown) != steps:
-        raise InputError(f"u has {steps} steps and w {len(unknown)}: both need the same number, at least 1")
-    return known, unknown
+    u_known = as_inputs(u, len(model.inputs), "u")
+    steps = len(u_known)
+    w_unknown = np.zeros((steps, len(model.unknown_inputs))) if w is None else as_inputs(w, len(model.unknown_inputs), "w")
+    if steps < 1 or len(w_unknown) != steps:
+        raise InputError(f"u has {steps} steps and w {len(w_unknown)}: both need the same number, at least 1")
+    return u_known, w_unknown
 
 
 def as_inputs(value: ArrayLike, width: int, what: str) -> np.ndarray:

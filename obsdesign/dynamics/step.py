@@ -12,11 +12,11 @@ from obsdesign.calculus import rk4
 from obsdesign.checks import whole_multiple
 from obsdesign.common_subexpressions import without_repeats
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.scan import Spread
+from obsdesign.dynamics.scan import ExpandedColumn
 from obsdesign.errors import InputError
 from obsdesign.packing import packing_of
 
-CACHED = 64  # functions kept of each kind
+CACHE_SIZE = 64  # functions kept of each kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Step:
     B_w: ca.SX
 
     @property
-    def held(self) -> ca.SX:
+    def all_inputs(self) -> ca.SX:
         """(u, w) (m + p, 1), the row of whoever walks along a path; u alone costs no more where nothing is unknown."""
         return ca.vertcat(self.u, self.w)
 
@@ -48,12 +48,12 @@ class Step:
 class Sensitivity:
     """Phi = dx(t_k)/dx(t_0) (n, n) with its structure: `free` (c, 1) are the entries that no step leaves at 0 or 1.
 
-    next (c, 1): the same entries one step later; index (c,): where they stand in Phi, counted by rows.
+    free_next (c, 1): the same entries one step later; index (c,): where they stand in Phi, counted by rows.
     """
 
     Phi: ca.SX
     free: ca.SX
-    next: ca.SX
+    free_next: ca.SX
     index: np.ndarray
 
     @cached_property
@@ -74,27 +74,27 @@ class Sensitivity:
         return np.eye(self.Phi.shape[0]).ravel()
 
 
-@lru_cache(CACHED)
+@lru_cache(CACHE_SIZE)
 def step_of(model: Model, step: float, substeps: int = 1) -> Step:
     """Return one step of `step` seconds: `substeps` equal ones of RK4, or the exact one for more than one where rates are linear.
 
     How many it takes for a tolerance is what `accuracy` finds out.
     """
     exact = exact_step(model, step) if substeps > 1 else None
-    return chained(model, (step / substeps,) * substeps) if exact is None else exact
+    return chain_steps(model, (step / substeps,) * substeps) if exact is None else exact
 
 
-@lru_cache(CACHED)
-def chained(model: Model, lengths: tuple[float, ...]) -> Step:
+@lru_cache(CACHE_SIZE)
+def chain_steps(model: Model, lengths: tuple[float, ...]) -> Step:
     """Return RK4 steps of so many seconds one after the other: F = F_m ... F_1, and B_w likewise."""
     u, w = model.u, model.w
     if len(lengths) == 1:
         return runge_kutta(model, lengths[0])
     x, F, B_w = model.x, ca.SX.eye(model.x.numel()), ca.SX(model.x.numel(), w.numel())
-    each = {length: _as_function(chained(model, (length,))) for length in dict.fromkeys(lengths)}
+    graphs = {length: _as_function(chain_steps(model, (length,))) for length in dict.fromkeys(lengths)}
     for length in lengths:
-        x, F_one, B_one = each[length](x, u, w)
-        F, B_w = F_one @ F, F_one @ B_w + B_one
+        x, F_part, B_part = graphs[length](x, u, w)
+        F, B_w = F_part @ F, F_part @ B_w + B_part
     return Step(model.x, u, w, ca.densify(x), F, B_w)
 
 
@@ -106,79 +106,79 @@ def runge_kutta(model: Model, length: float | ca.SX) -> Step:
     return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
 
 
-def _as_function(one: Step) -> ca.Function:
-    return ca.Function("one", [one.x, one.u, one.w], [one.x_next, one.F, one.B_w])
+def _as_function(step_graph: Step) -> ca.Function:
+    return ca.Function("one", [step_graph.x, step_graph.u, step_graph.w], [step_graph.x_next, step_graph.F, step_graph.B_w])
 
 
 def _rate(model: Model) -> ca.SX:
     return model.drift + model.B @ model.u + model.G @ model.w
 
 
-@lru_cache(CACHED)
+@lru_cache(CACHE_SIZE)
 def exact_step(model: Model, step: float) -> Step | None:
     """Return the exact step of xdot = A x + B u + G w + b with constant A, B, G, b, None for rates of another form.
 
     [x+; 1] = exp([A B G b; 0 0 0 0] step) [x; u; w; 1], of any stiffness: F = exp(A step). Entries that no power of the matrix
     reaches stay without a structure. Source: Van Loan (1978), IEEE Trans. Automat. Control 23, 395-404.
     """
-    inside = ca.vertcat(model.x, model.u, model.w)
-    slope = ca.jacobian(_rate(model), inside)
-    if ca.depends_on(slope, inside):
+    variables = ca.vertcat(model.x, model.u, model.w)
+    slope = ca.jacobian(_rate(model), variables)
+    if ca.depends_on(slope, variables):
         return None
     from scipy.linalg import expm  # half a second to load, and few systems need it
 
-    n, size = model.x.numel(), inside.numel()
-    constant = ca.substitute(_rate(model), inside, ca.SX.zeros(size))
+    n, size = model.x.numel(), variables.numel()
+    constant = ca.substitute(_rate(model), variables, ca.SX.zeros(size))
     M = np.zeros((size + 1, size + 1))
     M[:n] = ca.DM(ca.horzcat(slope, constant)).full()
     if not np.isfinite(M).all():
         return None
-    E = np.where(_reached(M), expm(M * step), 0.0)[:n]
-    still = ~M[:n].any(axis=1)  # rates that are 0: these stay, to the last digit
-    E[still] = np.eye(n, size + 1)[still]
-    part = ca.SX(ca.sparsify(ca.DM(E)))
-    x_next = ca.densify(part @ ca.vertcat(inside, 1))
-    return Step(model.x, model.u, model.w, x_next, part[:, :n], part[:, size - model.w.numel() : size])
+    E = np.where(_nonzero_structure(M), expm(M * step), 0.0)[:n]
+    is_constant = ~M[:n].any(axis=1)  # rates that are 0: these stay, to the last digit
+    E[is_constant] = np.eye(n, size + 1)[is_constant]
+    solution = ca.SX(ca.sparsify(ca.DM(E)))
+    x_next = ca.densify(solution @ ca.vertcat(variables, 1))
+    return Step(model.x, model.u, model.w, x_next, solution[:, :n], solution[:, size - model.w.numel() : size])
 
 
-def _reached(M: np.ndarray) -> np.ndarray:
+def _nonzero_structure(M: np.ndarray) -> np.ndarray:
     """Return which entries of exp(M) are not 0 by the structure of M: those of (1 + M)^n."""
-    reached = (M != 0) | np.eye(len(M), dtype=bool)
+    is_nonzero = (M != 0) | np.eye(len(M), dtype=bool)
     for _ in range(len(M).bit_length()):
-        reached = reached @ reached
-    return reached
+        is_nonzero = is_nonzero @ is_nonzero
+    return is_nonzero
 
 
-@lru_cache(CACHED)
+@lru_cache(CACHE_SIZE)
 def sensitivity_of(model: Model, step: float, substeps: int = 1) -> Sensitivity:
     """Return Phi at w = 0: what each step of `step` seconds makes of it."""
-    return sensitivity_by(step_of(model, step, substeps).without_disturbance().F)
+    return sensitivity_from(step_of(model, step, substeps).without_disturbance().F)
 
 
-@lru_cache(CACHED)
+@lru_cache(CACHE_SIZE)
 def sensitivity_along(model: Model, step: float, substeps: int = 1) -> Sensitivity:
     """Return Phi along a path that unknown inputs move: `next` is of x, u and w."""
-    return sensitivity_by(step_of(model, step, substeps).F) if model.unknown_inputs else sensitivity_of(model, step, substeps)
+    return sensitivity_from(step_of(model, step, substeps).F) if model.unknown_inputs else sensitivity_of(model, step, substeps)
 
 
-def sensitivity_by(F: ca.SX) -> Sensitivity:
+def sensitivity_from(F: ca.SX) -> Sensitivity:
     """Begin with all entries of the identity as constants and free those that F Phi does not leave as they are, until all do."""
     n = F.shape[0]
-    kept = np.ones((n, n), dtype=bool)
+    is_identity = np.ones((n, n), dtype=bool)
     while True:
-        free = ca.SX.sym("Phi", int((~kept).sum()))
-        index = np.flatnonzero(~kept)
-        Phi = ca.SX(ca.sparsify(ca.DM(np.eye(n) * kept)))
-        for symbol, (i, j) in zip(ca.vertsplit(free), np.argwhere(~kept), strict=True):
+        free = ca.SX.sym("Phi", int((~is_identity).sum()))
+        index = np.flatnonzero(~is_identity)
+        Phi = ca.SX(ca.sparsify(ca.DM(np.eye(n) * is_identity)))
+        for symbol, (i, j) in zip(ca.vertsplit(free), np.argwhere(~is_identity), strict=True):
             Phi[i, j] = symbol
-        following = F @ Phi
-        moved = np.array([[kept[i, j] and not _is(following[i, j], float(i == j)) for j in range(n)] for i in range(n)])
-        if not moved.any():
-            return Sensitivity(Phi, free, _entries(following, index), index)
-        kept &= ~moved
+        Phi_next = F @ Phi
+        is_changed = np.array([[is_identity[i, j] and not _is_number(Phi_next[i, j], float(i == j)) for j in range(n)] for i in range(n)])
+        if not is_changed.any():
+            return Sensitivity(Phi, free, _entries(Phi_next, index), index)
+        is_identity &= ~is_changed
 
 
-def _is(expression: ca.SX, value: float) -> bool:
+def _is_number(expression: ca.SX, value: float) -> bool:
     return expression.is_constant() and float(expression) == value
 
 
@@ -194,23 +194,23 @@ def blocks_of(model: Model, Phi: ca.SX, weighted: bool = True) -> list[ca.SX]:
     """
     blocks = []
     for channel in model.channels:
-        seen = ca.jacobian(channel.h, model.x) @ Phi
+        output_rows = ca.jacobian(channel.h, model.x) @ Phi
         # not the root of the weight on both sides: that has no derivative where a gate is closed
         weight = channel.noise.gate / channel.noise.variance if weighted else ca.SX(1)
         # one number for all outputs but in joint noise
-        blocks.append(seen.T @ (weight * seen if weight.numel() == 1 else ca.diag(weight) @ seen))
+        blocks.append(output_rows.T @ (weight * output_rows if weight.numel() == 1 else ca.diag(weight) @ output_rows))
     return blocks
 
 
-def dense_blocks(blocks: list[ca.SX]) -> Spread:
+def dense_blocks(blocks: list[ca.SX]) -> ExpandedColumn:
     """Return symmetric blocks for an array (S, n, n), each entry of a lower triangle computed once and zeros not at all."""
     packing = packing_of(blocks)
-    place = packing.full(np.arange(1.0, len(packing.rows) + 1)) - 1  # -1 where there is nothing
-    index = np.where(place < 0, len(packing.rows), place).astype(int)
-    return Spread(ca.vertcat(packing.column(blocks), 0), index.ravel())
+    position = packing.full(np.arange(1.0, len(packing.rows) + 1)) - 1  # -1 where there is nothing
+    index = np.where(position < 0, len(packing.rows), position).astype(int)
+    return ExpandedColumn(ca.vertcat(packing.column(blocks), 0), index.ravel())
 
 
-@lru_cache(CACHED)
+@lru_cache(CACHE_SIZE)
 def steps_per_sample(model: Model, step: float) -> tuple[int, ...]:
     """Return for each sensor the number of steps between samples; raise InputError where that is not whole."""
     counts = []

@@ -11,85 +11,92 @@ import numpy as np
 
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.quadrature import quadrature_of
-from obsdesign.dynamics.step import CACHED, chained, exact_step
-from obsdesign.dynamics.step_comparison import ALIKE, EXCUSED, Compared, Walks, alike, compared, operations
+from obsdesign.dynamics.step import CACHE_SIZE, chain_steps, exact_step
+from obsdesign.dynamics.step_comparison import ALIKE, ROUNDING_ALLOWANCE, PathBatch, StepErrors, alike, compare_steps, comparison_operations
 from obsdesign.errors import InputError
 
-MOST = 1024  # sub-steps of one step
-_WORK = 600_000  # operations that a step and its check may have together
-_TRIED = 400_000_000  # operations, about, that it may take to try a step that would do
-_FINEST = 1 << 22  # parts of a step
-_PREFIX = 16  # steps that are looked at first: most motions that run away do so at once
+MAX_SUBSTEPS = 1024  # sub-steps of one step
+_MAX_OPERATIONS = 600_000  # operations that a step and its check may have together
+_MAX_TRIAL_OPERATIONS = 400_000_000  # operations, about, that it may take to try a step that would do
+_MAX_PARTS = 1 << 22  # parts of a step
+_FIRST_STEPS = 16  # steps that are looked at first: most motions that run away do so at once
 _CALM = 10.0  # growth of a sensitivity, at most, where a stretch of a path speaks for all of it
-_SAFETY, _LEAP = 1.5, 8.0  # on an error where the number of sub-steps is chosen for it; most by which that grows at a time
+_SAFETY, _MAX_GROWTH = 1.5, 8.0  # on an error where the number of sub-steps is chosen for it; most by which that grows at a time
 
 
-class CoarseError(InputError):
+class CoarseStepError(InputError):
     """A step is too coarse for the dynamics, with as many sub-steps as can be made: by a factor of `error` tolerances.
 
-    enough: a step that would do, None where none was found; tried: over how many seconds of the path it was tried out, inf for all
-    of it, 0 for an estimate.
+    sufficient_step: a step that would do, None where none was found; is_verified: over how many seconds of the path it was tried out, inf
+    for all of it, 0 for an estimate.
     """
 
-    def __init__(self, step: float, count: int, error: float, tolerance: float, enough: float | None = None, tried: float = np.inf) -> None:
-        self.arguments, self.enough = (step, count, error, tolerance, enough, tried), enough
-        said = f"a step of {step:g} s is too coarse for these dynamics: even {count} sub-steps "
-        said += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}" if isfinite(error) else "leave the finite numbers"
-        if enough is None:
-            would = "the motion runs away, or it needs a step much smaller"
-        elif tried:
-            would = f"a step of {enough:.12g} s would do" + (f", tried over the first {tried:.3g} s" if isfinite(tried) else "")
+    def __init__(
+        self, step: float, count: int, error: float, tolerance: float, sufficient_step: float | None = None, is_verified: float = np.inf
+    ) -> None:
+        self.arguments, self.enough = (step, count, error, tolerance, sufficient_step, is_verified), sufficient_step
+        message = f"a step of {step:g} s is too coarse for these dynamics: even {count} sub-steps "
+        message += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}" if isfinite(error) else "leave the finite numbers"
+        if sufficient_step is None:
+            advice = "the motion runs away, or it needs a step much smaller"
+        elif is_verified:
+            advice = f"a step of {sufficient_step:.12g} s would do" + (
+                f", tried over the first {is_verified:.3g} s" if isfinite(is_verified) else ""
+            )
         else:
-            would = f"it is estimated that a step of {enough:.2g} s would do"
-        super().__init__(f"{said}; {would}")
+            advice = f"it is estimated that a step of {sufficient_step:.2g} s would do"
+        super().__init__(f"{message}; {advice}")
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), self.arguments
 
 
-class RoundedError(InputError):
+class RoundingError(InputError):
     """The rounding of doubles moves states or sensitivities by more than the tolerance, however small the steps are."""
 
     def __init__(self, step: float, error: float, tolerance: float) -> None:
         self.arguments = step, error, tolerance
-        wanted = 2 * error * tolerance
-        digits = 10.0 ** floor(log10(wanted))
-        met = ceil(wanted / digits) * digits
-        would = f"a tolerance of {met:g} is met, or a shorter path" if met < 0.1 else "only a shorter path would do"
+        required = 2 * error * tolerance
+        digits = 10.0 ** floor(log10(required))
+        sufficient = ceil(required / digits) * digits
+        advice = f"a tolerance of {sufficient:g} is met, or a shorter path" if sufficient < 0.1 else "only a shorter path would do"
         super().__init__(
             f"the motion amplifies the rounding of doubles to {error:.2g} tolerances of {tolerance:g} along this path,"
-            f" however small its steps of {step:g} s are made: {would}"
+            f" however small its steps of {step:g} s are made: {advice}"
         )
 
     def __reduce__(self) -> tuple[type, tuple[object, ...]]:
         return type(self), self.arguments
 
 
-def substeps_for(walks: Walks, tolerance: float) -> np.ndarray:
+def substeps_for(paths: PathBatch, tolerance: float) -> np.ndarray:
     """Return for each path the fewest sub-steps (M,) that meet the tolerance, of those tried.
 
     By comparing steps with finer ones and taking more as order 4 has it: for what `substeps_from` leaves open.
     Raises InputError where more sub-steps than can be made would be needed, with a step that would do, tried out; and where
     rounding alone is above the tolerance.
     """
-    model, step = walks.model, walks.step
-    most, exact = most_substeps(model), exact_step(model, step) is not None
-    found = np.ones(len(walks.x), dtype=int)
-    waiting = [(np.arange(len(found)), 1, _Tried(np.full(len(found), inf), np.zeros(len(found), dtype=bool), np.zeros(len(found))))]
-    while waiting:
-        rows, count, before = waiting.pop()
-        found[rows] = count
+    model, step = paths.model, paths.step
+    upper, exact = max_substeps(model), exact_step(model, step) is not None
+    counts = np.ones(len(paths.x), dtype=int)
+    queue = [(np.arange(len(counts)), 1, _Tried(np.full(len(counts), inf), np.zeros(len(counts), dtype=bool), np.zeros(len(counts))))]
+    while queue:
+        rows, count, previous_error = queue.pop()
+        counts[rows] = count
         if exact and count > 1:
             continue
-        some = walks.some(rows)
-        now = _judged(some, count, tolerance, before)
-        missed, later = now.error > 1, np.array([2 if exact else min(most, _more(count, each)) for each in now.error])
-        if missed.any() and count >= most:
-            raise _coarse(some.some(np.flatnonzero(missed)[:1]), count, float(now.error[missed][0]), tolerance)
-        for each in np.unique(later[missed]):
-            own = missed & (later == each)
-            waiting.append((rows[own], int(each), now.some(own)))
-    return found
+        batch = paths.subset(rows)
+        now = _substep_errors(batch, count, tolerance, previous_error)
+        is_missed, next_counts = (
+            now.error > 1,
+            np.array([2 if exact else min(upper, _increase(count, path_error)) for path_error in now.error]),
+        )
+        if is_missed.any() and count >= upper:
+            raise _coarse_step_error(batch.subset(np.flatnonzero(is_missed)[:1]), count, float(now.error[is_missed][0]), tolerance)
+        for next_count in np.unique(next_counts[is_missed]):
+            is_selected = is_missed & (next_counts == next_count)
+            queue.append((rows[is_selected], int(next_count), now.some(is_selected)))
+    return counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,86 +115,96 @@ class _Tried:
         return _Tried(self.error[rows], self.rounded[rows], self.growth[rows])
 
 
-def _judged(walks: Walks, count: int, tolerance: float, before: _Tried) -> _Tried:
+def _substep_errors(paths: PathBatch, count: int, tolerance: float, previous_error: _Tried) -> _Tried:
     """Return the errors, with what was found with fewer sub-steps; inf where steps are unstable.
 
     Rounding is excused for up to two tolerances. Raises RoundedError where it explains the whole error twice in a row, and where Phi
     makes more of it, by far, twice in a row and alike.
     """
-    if count > _LEAP and walks.simulated and _runs_away(walks, count, tolerance):
-        return _Tried(np.full(len(walks.x), inf), np.zeros(len(walks.x), dtype=bool), np.zeros(len(walks.x)))
-    plain = compared(walks, count, tolerance)
-    error = np.where(plain.is_amplified & plain.is_unstable, inf, plain.error)
-    rounded = np.zeros(len(error), dtype=bool)
-    slow = np.flatnonzero((error > 1) & ((count == 1) | (error > before.error / 2)) & np.isfinite(error))
+    if count > _MAX_GROWTH and paths.is_simulated and _runs_away(paths, count, tolerance):
+        return _Tried(np.full(len(paths.x), inf), np.zeros(len(paths.x), dtype=bool), np.zeros(len(paths.x)))
+    comparison = compare_steps(paths, count, tolerance)
+    error = np.where(comparison.is_amplified & comparison.is_unstable, inf, comparison.error)
+    is_rounding = np.zeros(len(error), dtype=bool)
+    slow = np.flatnonzero((error > 1) & ((count == 1) | (error > previous_error.error / 2)) & np.isfinite(error))
     if len(slow):
-        told = compared(walks.some(slow), count, tolerance, rounding=True)
-        error[slow], rounded[slow] = told.error, (told.beyond_rounding <= 1) & (told.error > 1)
-        lost = np.flatnonzero(rounded & before.rounded)
-        if count > 1 and len(lost):
-            raise RoundedError(walks.step, float(error[lost[0]]), tolerance)
-    growth = _far_grown(plain)
-    lost = (error <= 1) & plain.is_amplified | (np.minimum(growth, before.growth) > 0) & alike(growth, before.growth)
-    if lost.any():
-        raise RoundedError(walks.step, float(plain.amplified[lost].max()), tolerance)
-    return _Tried(error, rounded & (count > 1), growth)
+        comparison_with_rounding = compare_steps(paths.subset(slow), count, tolerance, with_rounding=True)
+        error[slow], is_rounding[slow] = (
+            comparison_with_rounding.error,
+            (comparison_with_rounding.beyond_rounding <= 1) & (comparison_with_rounding.error > 1),
+        )
+        lost_paths = np.flatnonzero(is_rounding & previous_error.rounded)
+        if count > 1 and len(lost_paths):
+            raise RoundingError(paths.step, float(error[lost_paths[0]]), tolerance)
+    growth = _far_grown(comparison)
+    lost_paths = (error <= 1) & comparison.is_amplified | (np.minimum(growth, previous_error.growth) > 0) & alike(
+        growth, previous_error.growth
+    )
+    if lost_paths.any():
+        raise RoundingError(paths.step, float(comparison.amplification[lost_paths].max()), tolerance)
+    return _Tried(error, is_rounding & (count > 1), growth)
 
 
-def _far_grown(found: Compared) -> np.ndarray:
+def _far_grown(found: StepErrors) -> np.ndarray:
     """Return how much Phi grows (M,) where that is above what rounding is excused for by more than growths that are alike differ."""
     growth = found.growth.min(axis=1)
-    far = found.amplified > (EXCUSED + 1) * np.maximum(growth, 1.0) ** ALIKE
+    far = found.amplification > (ROUNDING_ALLOWANCE + 1) * np.maximum(growth, 1.0) ** ALIKE
     return np.where(far & ~found.is_unstable, growth, 0.0)
 
 
-def _runs_away(walks: Walks, count: int, tolerance: float) -> bool:
+def _runs_away(paths: PathBatch, count: int, tolerance: float) -> bool:
     """Tell whether all paths leave the finite numbers within their first steps."""
-    short = Walks(walks.model, walks.step, walks.held[..., :_PREFIX, :], walks.x)
-    return walks.held.shape[-2] > _PREFIX and bool(np.isinf(compared(short, count, tolerance).error).all())
+    short = PathBatch(paths.model, paths.step, paths.all_inputs[..., :_FIRST_STEPS, :], paths.x)
+    return paths.all_inputs.shape[-2] > _FIRST_STEPS and bool(np.isinf(compare_steps(short, count, tolerance).error).all())
 
 
-def _coarse(walks: Walks, count: int, error: float, tolerance: float) -> CoarseError:
+def _coarse_step_error(paths: PathBatch, count: int, error: float, tolerance: float) -> CoarseStepError:
     """Return the refusal of a path, with parts of the step that were found to do, with as many sub-steps as they may have.
 
     They are tried along the whole path. Where that takes too long: along its beginning, if longer steps failed within that and
     sensitivities do not grow; else it is an estimate by order 4, as where states are given.
     """
-    parts, now, estimate, failed = 1, error, _estimated(walks.step, error, tolerance), 0.0  # seconds within which longer steps failed
-    each = operations(walks.model) * count
-    affordable = 2 * _TRIED // (each * walks.held.shape[-2])
-    while walks.simulated and parts < _FINEST:
-        parts = _more(parts, now) if failed else min(_more(parts, now), max(parts + 1, affordable))
-        finer = walks.beginning(max(_TRIED // each, ceil(failed * parts / walks.step)), parts)
-        if _runs_away(finer, count, tolerance):
-            now, failed = inf, finer.step * _PREFIX
+    parts, current_error, estimate, failed = (
+        1,
+        error,
+        _estimate_step(paths.step, error, tolerance),
+        0.0,
+    )  # seconds within which longer steps failed
+    operations_per_step = comparison_operations(paths.model) * count
+    affordable = 2 * _MAX_TRIAL_OPERATIONS // (operations_per_step * paths.all_inputs.shape[-2])
+    while paths.is_simulated and parts < _MAX_PARTS:
+        parts = _increase(parts, current_error) if failed else min(_increase(parts, current_error), max(parts + 1, affordable))
+        split = paths.beginning(max(_MAX_TRIAL_OPERATIONS // operations_per_step, ceil(failed * parts / paths.step)), parts)
+        if _runs_away(split, count, tolerance):
+            current_error, failed = inf, split.step * _FIRST_STEPS
             continue
-        steps = finer.held.shape[-2]
-        whole = steps == parts * walks.held.shape[-2]
-        if steps * each > 2 * _TRIED or not (whole or failed):
-            estimate = estimate or _at_first(finer, count, now, tolerance, parts * walks.held.shape[-2])
+        steps = split.all_inputs.shape[-2]
+        whole = steps == parts * paths.all_inputs.shape[-2]
+        if steps * operations_per_step > 2 * _MAX_TRIAL_OPERATIONS or not (whole or failed):
+            estimate = estimate or _at_first(split, count, current_error, tolerance, parts * paths.all_inputs.shape[-2])
             break
-        before, found = now, compared(finer, count, tolerance)
-        now = float(found.error[0])
-        estimate = _estimated(finer.step, now, tolerance) or estimate
-        if now <= 1 and (whole or found.growth.max() <= _CALM):
-            return CoarseError(walks.step, count, error, tolerance, finer.step, inf if whole else steps * finer.step)
-        if now <= 1:  # it may not do later on
+        previous_error, found = current_error, compare_steps(split, count, tolerance)
+        current_error = float(found.error[0])
+        estimate = _estimate_step(split.step, current_error, tolerance) or estimate
+        if current_error <= 1 and (whole or found.growth.max() <= _CALM):
+            return CoarseStepError(paths.step, count, error, tolerance, split.step, inf if whole else steps * split.step)
+        if current_error <= 1:  # it may not do later on
             break
-        if now > before / 2 and now * tolerance < 1:  # finer ones do not help
+        if current_error > previous_error / 2 and current_error * tolerance < 1:  # finer ones do not help
             estimate = None
             break
-    return CoarseError(walks.step, count, error, tolerance, estimate, 0.0)
+    return CoarseStepError(paths.step, count, error, tolerance, estimate, 0.0)
 
 
-def _at_first(walks: Walks, count: int, before: float, tolerance: float, steps: int) -> float | None:
+def _at_first(walks: PathBatch, count: int, before: float, tolerance: float, steps: int) -> float | None:
     """Return a step that would do if so many steps add errors as the first do, None where a longer one left the finite numbers."""
     if not isfinite(before):
         return None
-    error = float(compared(walks.beginning(_PREFIX, 1), count, tolerance).error[0]) * max(1.0, steps / _PREFIX)
-    return walks.step if error <= 1 else _estimated(walks.step, error, tolerance)
+    error = float(compare_steps(walks.beginning(_FIRST_STEPS, 1), count, tolerance).error[0]) * max(1.0, steps / _FIRST_STEPS)
+    return walks.step if error <= 1 else _estimate_step(walks.step, error, tolerance)
 
 
-def _estimated(step: float, error: float, tolerance: float) -> float | None:
+def _estimate_step(step: float, error: float, tolerance: float) -> float | None:
     """Return a step that would do by order 4, None where the error is as large as what it is an error of."""
     return step / (_SAFETY * error) ** 0.25 if error * tolerance < 1 else None
 
@@ -214,8 +231,8 @@ def substeps_from(
     counts = np.broadcast_to(step * (np.asarray(error) / tolerance) ** 0.25, len(starts)) * (1 - 1e-12)
     if not np.isfinite(counts).all():
         return None
-    if (most := float(counts.max())) > MOST:
-        raise CoarseError(step, MOST, (most / MOST) ** 4, tolerance, step / ceil(most / MOST))
+    if (most := float(counts.max())) > MAX_SUBSTEPS:
+        raise CoarseStepError(step, MAX_SUBSTEPS, (most / MAX_SUBSTEPS) ** 4, tolerance, step / ceil(most / MAX_SUBSTEPS))
     return np.maximum(1, np.ceil(counts)).astype(int)
 
 
@@ -224,17 +241,17 @@ def _largest(inputs: np.ndarray) -> np.ndarray:
     return np.maximum.reduce(np.abs(inputs), axis=-2)
 
 
-def _more(count: int, error: float) -> int:
+def _increase(count: int, error: float) -> int:
     """Return more sub-steps, of the numbers 2^i and 3 2^i: as many as an error of so many tolerances asks for at order 4."""
-    factor = min(_LEAP, (_SAFETY * error) ** 0.25) if isfinite(error) else _LEAP
-    wanted = max(count + 1, ceil(count * factor))
-    power = 1 << (wanted - 1).bit_length()
-    return power // 4 * 3 if power >= 4 and power // 4 * 3 >= wanted else power
+    factor = min(_MAX_GROWTH, (_SAFETY * error) ** 0.25) if isfinite(error) else _MAX_GROWTH
+    target = max(count + 1, ceil(count * factor))
+    power = 1 << (target - 1).bit_length()
+    return power // 4 * 3 if power >= 4 and power // 4 * 3 >= target else power
 
 
-@lru_cache(CACHED)
-def most_substeps(model: Model) -> int:
+@lru_cache(CACHE_SIZE)
+def max_substeps(model: Model) -> int:
     """Return how many sub-steps a step of this model may have: at most 1024, and no graph of more than 600,000 operations."""
-    two = chained(model, (0.5, 0.5))
-    each = ca.Function("two", [two.x, two.u, two.w], [two.x_next, two.F]).n_instructions() / 2
-    return max(1, min(MOST, int(_WORK / (3 * each))))
+    two_steps = chain_steps(model, (0.5, 0.5))
+    operations = ca.Function("two", [two_steps.x, two_steps.u, two_steps.w], [two_steps.x_next, two_steps.F]).n_instructions() / 2
+    return max(1, min(MAX_SUBSTEPS, int(_MAX_OPERATIONS / (3 * operations))))

@@ -49,10 +49,10 @@ class System(AbstractSystem):
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
         require_known("unknown_inputs", self.unknown_inputs, tuple(signal.name for signal in self.vehicle.inputs))
-        object.__setattr__(self, "joint_noise", MappingProxyType(as_joint_noise(self.joint_noise, self._named)))
+        object.__setattr__(self, "joint_noise", MappingProxyType(as_joint_noise(self.joint_noise, self._sensors_by_name)))
 
     @property
-    def _named(self) -> dict[str, AbstractSensor]:
+    def _sensors_by_name(self) -> dict[str, AbstractSensor]:
         return dict(zip(self.sensor_names, self.sensors, strict=True))
 
     @property
@@ -78,18 +78,18 @@ class System(AbstractSystem):
         vehicle = self.vehicle
         x = ca.vertcat(*(ca.SX.sym(state.name) for state in vehicle.states))
         fields = vehicle.fields(x)
-        every = list(zip(vehicle.inputs, fields.inputs, strict=True))
-        known = [pair for pair in every if pair[0].name not in self.unknown_inputs]
-        unknown = [pair for pair in every if pair[0].name in self.unknown_inputs]
-        unknown += list(zip(vehicle.disturbances, fields.disturbances, strict=True))
+        signals_and_columns = list(zip(vehicle.inputs, fields.inputs, strict=True))
+        known_pairs = [pair for pair in signals_and_columns if pair[0].name not in self.unknown_inputs]
+        unknown_pairs = [pair for pair in signals_and_columns if pair[0].name in self.unknown_inputs]
+        unknown_pairs += list(zip(vehicle.disturbances, fields.disturbances, strict=True))
         return Model(
             x=x,
             states=vehicle.states,
             drift=fields.drift,
-            inputs=tuple(signal for signal, _ in known),
-            B=columns([column for _, column in known], len(vehicle.states)),
-            unknown_inputs=tuple(signal for signal, _ in unknown),
-            G=columns([column for _, column in unknown], len(vehicle.states)),
+            inputs=tuple(signal for signal, _ in known_pairs),
+            B=columns([column for _, column in known_pairs], len(vehicle.states)),
+            unknown_inputs=tuple(signal for signal, _ in unknown_pairs),
+            G=columns([column for _, column in unknown_pairs], len(vehicle.states)),
             channels=tuple(_channels(self, x)),
             joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]
         )
@@ -105,22 +105,22 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
             spread, gate = sensor.spread(state), sensor.gate(state)
         except KeyError as missing:
             raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have") from None
-        for what, value in (("spread", spread), ("gate", gate)):
+        for quantity, value in (("spread", spread), ("gate", gate)):
             if value.shape != (1, 1):
-                raise InputError(f"sensor {name!r}: {what} has shape {value.shape}: must be one number for all its outputs")
+                raise InputError(f"sensor {name!r}: {quantity} has shape {value.shape}: must be one number for all its outputs")
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
         noise = Noise(_spread_of(system, name, spread), gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
         yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)
 
 
-def _spread_of(system: System, name: str, own: ca.SX) -> ca.SX:
+def _spread_of(system: System, name: str, spread: ca.SX) -> ca.SX:
     """Return the sensor's own standard deviation (1, 1), or those (q, 1) of its outputs in joint noise."""
     import casadi as ca
 
     for names, R in system.joint_noise.items():
         if name in names:
-            if not own.is_constant():
+            if not spread.is_constant():
                 raise InputError(f"joint_noise: the noise of {name!r} depends on the state, so that no R can be its covariance everywhere")
-            owner = [each for each in names for _ in system._named[each].outputs]
-            return ca.vertcat(*[ca.sqrt(np.asarray(R)[i, i]) for i, each in enumerate(owner) if each == name])
-    return own
+            owner = [sensor_name for sensor_name in names for _ in system._sensors_by_name[sensor_name].outputs]
+            return ca.vertcat(*[ca.sqrt(np.asarray(R)[i, i]) for i, sensor_name in enumerate(owner) if sensor_name == name])
+    return spread

@@ -13,19 +13,19 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.nuisance_states import Nuisance, nuisance_of
+from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHED, step_of
-from obsdesign.information.information_update import triangular
+from obsdesign.dynamics.step import CACHE_SIZE, step_of
+from obsdesign.information.information_update import triangular_factor
 
 
 @dataclass(frozen=True, eq=False)
-class Scans:
+class FilterScans:
     """The walks of a filter: a prediction, an update, and one after the other with mean and covariance of x between them."""
 
     predict: Scan
     update: Scan
-    both: Scan
+    update_predict: Scan
 
 
 def root_of(covariance: np.ndarray) -> np.ndarray:
@@ -36,7 +36,7 @@ def root_of(covariance: np.ndarray) -> np.ndarray:
     return unit[..., :, None] * vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
 
 
-def root_start(mean: np.ndarray, covariance: np.ndarray, nuisance: Nuisance) -> np.ndarray:
+def root_start(mean: np.ndarray, covariance: np.ndarray, nuisance: NuisanceStates) -> np.ndarray:
     """Return the carry (R, .) of beliefs about x, mean (R, n) and covariance (R, n, n), before the first sample."""
     (runs, n), a = mean.shape, len(nuisance.coloured)
     S = np.zeros((runs, n + nuisance.size, n + nuisance.size))
@@ -46,42 +46,42 @@ def root_start(mean: np.ndarray, covariance: np.ndarray, nuisance: Nuisance) -> 
     return np.hstack([mean, np.zeros((runs, nuisance.size)), S.swapaxes(1, 2).reshape(runs, -1)])
 
 
-def root_belief(carry: np.ndarray, n: int, nuisance: Nuisance) -> tuple[np.ndarray, np.ndarray]:
+def root_belief(carry: np.ndarray, n: int, nuisance: NuisanceStates) -> tuple[np.ndarray, np.ndarray]:
     """Return mean (R, n) and covariance (R, n, n) of x."""
     size = n + nuisance.size
     S = carry[:, size:].reshape(-1, size, size).swapaxes(1, 2)[:, :n]
     return carry[:, :n], S @ S.swapaxes(1, 2)
 
 
-@lru_cache(CACHED)
-def root_scans(model: Model, step: float, substeps: int) -> Scans:
+@lru_cache(CACHE_SIZE)
+def root_scans(model: Model, step: float, substeps: int) -> FilterScans:
     """Return the walks; the carry is (X, S), S column by column, and the row of process noise a root (n n,) of it by rows."""
     n, size = model.x.numel(), model.x.numel() + nuisance_of(model, step).size
     X, S, u = ca.vertcat(model.x, ca.SX.sym("errors", size - n)), ca.SX.sym("S", size, size), model.u
     carry, noise = ca.vertcat(X, ca.vec(S)), ca.SX.sym("noise", n * n)
     y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
-    mean, root = _updated(model, step, (X, S), y, active)
-    known = [mean[:n], ca.vec(root[:n, :] @ root[:n, :].T)]
-    return Scans(
-        Scan(carry, [u, noise], _predicted(model, (step, substeps), X, S, noise)),
+    mean, root = _update(model, step, (X, S), y, active)
+    x_moments = [mean[:n], ca.vec(root[:n, :] @ root[:n, :].T)]
+    return FilterScans(
+        Scan(carry, [u, noise], _predict(model, (step, substeps), X, S, noise)),
         Scan(carry, [y, active], ca.vertcat(mean, ca.vec(root))),
-        Scan(carry, [u, y, active, noise], _predicted(model, (step, substeps), mean, root, noise), known),
+        Scan(carry, [u, y, active, noise], _predict(model, (step, substeps), mean, root, noise), x_moments),
     )
 
 
-def _predicted(model: Model, pace: tuple[float, int], X: ca.SX, S: ca.SX, noise: ca.SX) -> ca.SX:
+def _predict(model: Model, step_split: tuple[float, int], X: ca.SX, S: ca.SX, noise: ca.SX) -> ca.SX:
     """(f(x, u), decay z, b) and the triangular root of F S S' F' + Q, F and Q those of (x, z, b)."""
-    one, nuisance, n = step_of(model, *pace).without_disturbance(), nuisance_of(model, pace[0]), model.x.numel()
-    x_next, F = (ca.substitute(value, one.x, X[:n]) for value in (one.x_next, one.F))
+    step_graph, nuisance, n = step_of(model, *step_split).without_disturbance(), nuisance_of(model, step_split[0]), model.x.numel()
+    x_next, F = (ca.substitute(value, step_graph.x, X[:n]) for value in (step_graph.x_next, step_graph.F))
     decay = ca.SX(ca.DM(nuisance.transition))
-    fresh = ca.sparsify(ca.SX(ca.DM(root_of(nuisance.fresh))))
-    moved = ca.diagcat(F, ca.diag(decay)) @ S
-    kicks = ca.diagcat(ca.reshape(noise, n, n).T, fresh, ca.SX(len(nuisance.constant), 0))
-    root = triangular(ca.horzcat(moved, kicks).T).T
+    driving_root = ca.sparsify(ca.SX(ca.DM(root_of(nuisance.driving_covariance))))
+    propagated = ca.diagcat(F, ca.diag(decay)) @ S
+    noise_columns = ca.diagcat(ca.reshape(noise, n, n).T, driving_root, ca.SX(len(nuisance.constant), 0))
+    root = triangular_factor(ca.horzcat(propagated, noise_columns).T).T
     return ca.vertcat(x_next, decay * X[n:], ca.vec(ca.densify(root)))
 
 
-def _updated(model: Model, step: float, belief: tuple[ca.SX, ca.SX], y: ca.SX, active: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _update(model: Model, step: float, belief: tuple[ca.SX, ca.SX], y: ca.SX, active: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Mean and root after the active outputs, one by one, all linearised at the predicted mean.
 
     f = S'C', v = f'f + R, S+ = S - S f f' / (v + (R v)^1/2); R is the variance of what is white in a sample.
@@ -89,28 +89,28 @@ def _updated(model: Model, step: float, belief: tuple[ca.SX, ca.SX], y: ca.SX, a
     """
     X, S = belief
     C, expected, R = _outputs(model, step, X)
-    moved = ca.SX.zeros(X.numel())
+    correction = ca.SX.zeros(X.numel())
     for i, signal in enumerate(model.outputs):
         # an output that is off must not matter, not even where it has no derivative
         row = ca.if_else(active[i], C[i, :], ca.SX(1, X.numel()))
         residual = ca.if_else(active[i], y[i] - expected[i], 0)
         if signal.is_angle:
             residual = ca.remainder(residual, 2 * np.pi)
-        white = ca.if_else(active[i], R[i], 1)
+        white_variance = ca.if_else(active[i], R[i], 1)
         f = S.T @ row.T
-        v, along = ca.sumsqr(f) + white, S @ f
-        moved += along / v * (residual - row @ moved)
-        S = S - along @ f.T / (v + ca.sqrt(white * v))
-    return X + moved, S
+        v, innovation_column = ca.sumsqr(f) + white_variance, S @ f
+        correction += innovation_column / v * (residual - row @ correction)
+        S = S - innovation_column @ f.T / (v + ca.sqrt(white_variance * v))
+    return X + correction, S
 
 
 def _outputs(model: Model, step: float, X: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """What is expected of each output (q, 1), its derivative to X (q, n + e), and the variance of what is white in it (q, 1)."""
     nuisance, n = nuisance_of(model, step), model.x.numel()
     R, loads = ca.diag(model.instant_covariance), ca.SX(len(model.outputs), nuisance.size)
-    for place, i in enumerate(nuisance.coloured):
-        loads[i, place] = ca.sqrt(R[i])
+    for index, i in enumerate(nuisance.coloured):
+        loads[i, index] = ca.sqrt(R[i])
         R[i] = 0
-    for place, i in enumerate(nuisance.constant):
-        loads[i, len(nuisance.coloured) + place] = nuisance.bias[place]
+    for index, i in enumerate(nuisance.constant):
+        loads[i, len(nuisance.coloured) + index] = nuisance.bias[index]
     return ca.horzcat(ca.jacobian(model.h, model.x), loads), model.h + loads @ X[n:], R

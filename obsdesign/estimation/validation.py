@@ -21,7 +21,7 @@ from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
-from obsdesign.information.sample_information import sampled
+from obsdesign.information.sample_information import sampling_mask
 from obsdesign.prior import Prior
 from obsdesign.round_off import standard_deviations
 from obsdesign.selection.schedule import Schedule
@@ -30,10 +30,10 @@ from obsdesign.trajectory import Trajectory
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SETTLED = 0.25  # share of the path after which consistency is judged
+SETTLING_SHARE = 0.25  # share of the path after which consistency is judged
 CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
-ARRIVES = 0.5  # a sample arrives where the sensor's gate is wider than this at the true state
-_CHUNK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
+GATE_THRESHOLD = 0.5  # a sample arrives where the sensor's gate is wider than this at the true state
+_RUNS_PER_TASK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
 
 Consistency = Literal["consistent", "overconfident", "underconfident"]
 
@@ -87,7 +87,7 @@ class Validation(AbstractDisplay):
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _MonteCarloTask:
     """Everything a worker needs for one chunk of runs."""
 
     system: AbstractSystem
@@ -132,24 +132,24 @@ def validate(
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
-    require_count("seed", seed, least=0)
+    require_count("seed", seed, minimum=0)
     require_fit(system, path)
     # what the truth follows, whatever else moved the path given
     path = simulate(system, path.x[0], path.u, path.step, path.w, tolerance=path.tolerance)
     active = active_steps(system, path, schedule)
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
-    chunks = [range(first, min(first + _CHUNK, runs)) for first in range(0, runs, _CHUNK)]
+    chunks = [range(first, min(first + _RUNS_PER_TASK, runs)) for first in range(0, runs, _RUNS_PER_TASK)]
     substeps = substeps_along(system, path)
-    tasks = [_Task(system, path, prior, active, noise, seed, chunk, substeps) for chunk in chunks]
-    results = list(map(_flown, tasks) if executor is None else executor.map(_flown, tasks))
+    tasks = [_MonteCarloTask(system, path, prior, active, noise, seed, chunk, substeps) for chunk in chunks]
+    results = list(map(_run_filters, tasks) if executor is None else executor.map(_run_filters, tasks))
     errors, nees = (np.concatenate(parts, axis=1) for parts in zip(*results, strict=True))
-    return _judged(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
+    return _assess_consistency(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
 
 
 def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None) -> np.ndarray:
     """Return (N, S) bool: where a sensor is on by the schedule and has a sample."""
-    mask = sampled(system, path.steps, path.step)
+    mask = sampling_mask(system, path.steps, path.step)
     if schedule is None:
         return mask
     if isinstance(schedule, Schedule) and not schedule.status.has_answer:
@@ -163,60 +163,60 @@ def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | 
     return mask & np.repeat(chosen > 0, path.steps // len(chosen), axis=0)
 
 
-def _flown(task: _Task) -> tuple[np.ndarray, np.ndarray]:
+def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (N+1, R, n) and NEES (N+1, R) of one chunk of runs."""
     system, path = task.system, task.path
     model = system.model
     draws = [_draws(task, run) for run in task.runs]
-    guess, gusts, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
-    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, gusts, substeps=task.substeps)
-    seen = readings(system, truth[:, :-1])
-    y = seen.y + seen.spread * noise + bias[:, None]
+    initial_errors, process_noise, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
+    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, process_noise, substeps=task.substeps)
+    path_readings = readings(system, truth[:, :-1])
+    y = path_readings.y + path_readings.spread * noise + bias[:, None]
     owner = np.array(model.output_owner)
-    active = task.active[:, owner] & (seen.gate > ARRIVES)
+    active = task.active[:, owner] & (path_readings.gate > GATE_THRESHOLD)
     estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, task.substeps)
-    first = Belief(path.x[0] + guess, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
-    belief = estimator.run(first, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
+    initial = Belief(path.x[0] + initial_errors, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
+    belief = estimator.run(initial, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
     is_angle = np.array([state.is_angle for state in model.states])
     errors = wrap_columns(belief.mean - truth.swapaxes(0, 1), is_angle)
     weighted = np.linalg.solve(belief.covariance, errors[..., None])[..., 0]
     return errors, np.einsum("kri,kri->kr", errors, weighted)
 
 
-def _draws(task: _Task, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Initial error (n,), process noise (N, n), measurement noise (N, q) of spread 1, constant errors (q,), from a stream of its own."""
     random = np.random.default_rng([task.seed, run])
     model, steps = task.system.model, task.path.steps
-    guess = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
-    gusts = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
+    initial_error = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
+    process_noise = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
     noise = random.standard_normal((steps, len(model.outputs)))
     if model.joint:
-        noise = noise @ model.instant_root.T
+        noise = noise @ model.correlation_root.T
     periods = steps_per_sample(task.system.model, task.path.step)
     for column, sensor in enumerate(model.output_owner):
         correlation = model.channels[sensor].noise.correlation
         if correlation:
-            noise[:: periods[sensor], column] = _correlated(noise[:: periods[sensor], column], correlation)
+            noise[:: periods[sensor], column] = _correlate(noise[:: periods[sensor], column], correlation)
     biases = np.array([model.channels[sensor].noise.bias for sensor in model.output_owner])
-    return guess, gusts, noise, biases * random.standard_normal(len(biases))
+    return initial_error, process_noise, noise, biases * random.standard_normal(len(biases))
 
 
-def _correlated(white: np.ndarray, correlation: float) -> np.ndarray:
+def _correlate(white: np.ndarray, correlation: float) -> np.ndarray:
     """e_0 = white_0, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j: variance 1 throughout."""
     from scipy.signal import lfilter  # a second to load, and few sensors need it
 
-    fresh = np.sqrt(1 - correlation**2)
-    driven = np.concatenate([white[:1] / fresh, white[1:]])
-    return np.asarray(lfilter([fresh], [1.0, -correlation], driven))
+    innovation_gain = np.sqrt(1 - correlation**2)
+    innovations = np.concatenate([white[:1] / innovation_gain, white[1:]])
+    return np.asarray(lfilter([innovation_gain], [1.0, -correlation], innovations))
 
 
-def _judged(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:
+def _assess_consistency(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:
     runs, n = nees.shape[1], rmse.shape[1]
     low, high = (float(chi2.ppf(share, runs * n)) / runs for share in (0.025, 0.975))
     average = nees.mean(axis=1)
-    later = average[t >= t[0] + SETTLED * (t[-1] - t[0])]
-    in_band = float(np.mean((later >= low) & (later <= high)))
+    settled = average[t >= t[0] + SETTLING_SHARE * (t[-1] - t[0])]
+    in_band = float(np.mean((settled >= low) & (settled <= high)))
     verdict: Consistency = "consistent"
     if in_band < CONSISTENT_SHARE:
-        verdict = "overconfident" if np.sum(later > high) >= np.sum(later < low) else "underconfident"
+        verdict = "overconfident" if np.sum(settled > high) >= np.sum(settled < low) else "underconfident"
     return Validation(t, rmse, bound, average, (low, high), in_band, verdict, runs, seed)

@@ -12,47 +12,47 @@ from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.dynamics.step import step_of
 from obsdesign.trajectory import Trajectory
 
-_TRIES = 30  # Gauss-Newton steps at most; rates are affine in the inputs, steps nearly so, so that few are needed
+_MAX_ITERATIONS = 30  # Gauss-Newton steps at most; rates are affine in the inputs, steps nearly so, so that few are needed
 
 
 @dataclass(frozen=True, eq=False)
-class Recovered:
+class RecoveredInputs:
     """u (N, m), held over each step, and by how much (N, n) each step that they make misses the next state."""
 
     u: np.ndarray
-    missed: np.ndarray
+    mismatch: np.ndarray
 
 
-def recovered_inputs(system: AbstractSystem, x: np.ndarray, dt: float) -> Recovered:
+def recover_inputs(system: AbstractSystem, x: np.ndarray, dt: float) -> RecoveredInputs:
     """Return the inputs that lead from each state of x (N+1, n) to the next one in dt [s].
 
     argmin over u_k of |x_k+1 - step(x_k, u_k)|^2 by Gauss and Newton, unknown inputs taken as 0; of steps made of as many
     sub-steps as those inputs need.
     """
-    found = _recovered(system, x, dt, 1)
-    needed = substeps_along(system, Trajectory(np.arange(len(x)) * dt, x, found.u)) if np.isfinite(found.u).all() else 1
-    return found if needed == 1 else _recovered(system, x, dt, needed)
+    recovered = _gauss_newton(system, x, dt, 1)
+    substeps = substeps_along(system, Trajectory(np.arange(len(x)) * dt, x, recovered.u)) if np.isfinite(recovered.u).all() else 1
+    return recovered if substeps == 1 else _gauss_newton(system, x, dt, substeps)
 
 
-def _recovered(system: AbstractSystem, x: np.ndarray, dt: float, substeps: int) -> Recovered:
+def _gauss_newton(system: AbstractSystem, x: np.ndarray, dt: float, substeps: int) -> RecoveredInputs:
     import casadi as ca
 
     model = system.model
     step = step_of(model, dt, substeps).without_disturbance()
-    one = ca.Function("one", [step.x, step.u], [step.x_next, ca.densify(ca.jacobian(step.x_next, step.u))])
+    step_function = ca.Function("one", [step.x, step.u], [step.x_next, ca.densify(ca.jacobian(step.x_next, step.u))])
     n, m, steps = x.shape[1], len(model.inputs), len(x) - 1
     angles = np.array([signal.is_angle for signal in model.states])
-    every, u = one.map(steps), np.zeros((steps, m))
+    all_steps, u = step_function.map(steps), np.zeros((steps, m))
 
-    def missed() -> tuple[np.ndarray, np.ndarray]:
-        after, slopes = (np.array(value) for value in every(x[:-1].T, u.T))
+    def evaluate() -> tuple[np.ndarray, np.ndarray]:
+        after, slopes = (np.array(value) for value in all_steps(x[:-1].T, u.T))
         return wrap_columns(x[1:] - after.T, angles), slopes.reshape(n, steps, m).transpose(1, 0, 2)
 
-    residual, slopes = missed()
-    for _ in range(_TRIES if m else 0):
+    residual, slopes = evaluate()
+    for _ in range(_MAX_ITERATIONS if m else 0):
         change = np.einsum("kmn,kn->km", np.linalg.pinv(slopes), residual)
         u = u + change
-        residual, slopes = missed()
+        residual, slopes = evaluate()
         if np.abs(change).max() <= 1e-13 * max(1.0, float(np.abs(u).max())):
             break
-    return Recovered(u, residual)
+    return RecoveredInputs(u, residual)

@@ -14,13 +14,13 @@ import numpy as np
 
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError
-from obsdesign.exchange._input_recovery import recovered_inputs
+from obsdesign.exchange._input_recovery import recover_inputs
 from obsdesign.signals import Signal
 from obsdesign.trajectory import Trajectory
 
 TIME = Signal("t", "s")
-_EVEN = 1e-6  # how much of a step the times may be off
-_MISSED = 1e-6  # how much of a state's range a step may miss before it is told
+_STEP_TOLERANCE = 1e-6  # how much of a step the times may be off
+_MISMATCH_TOLERANCE = 1e-6  # how much of a state's range a step may miss before it is told
 
 
 def trajectory_csv(system: AbstractSystem, path: Trajectory) -> str:
@@ -61,7 +61,7 @@ def read_trajectory_csv(system: AbstractSystem, file: str | Path) -> ReadPath:
     values = {column.signal.name: _values(file, lines[1:], column, column.signal.name in held) for column in columns}
     t = np.array(values[TIME.name])
     _require_even(file, lines[1:], t)
-    states = [np.unwrap(values[each.name]) if each.is_angle else np.array(values[each.name]) for each in system.model.states]
+    states = [np.unwrap(values[state.name]) if state.is_angle else np.array(values[state.name]) for state in system.model.states]
     return _path(system, file, t, np.column_stack(states), {name: values[name] for name in values if name in held})
 
 
@@ -70,8 +70,8 @@ class _Column:
     """Where a signal stands in a row, how it is written, and what its numbers are multiplied by."""
 
     signal: Signal
-    place: int
-    written: str
+    index: int
+    header: str
     factor: float
 
 
@@ -95,51 +95,51 @@ def _lines(file: Path) -> list[tuple[int, list[str]]]:
 
 def _columns(system: AbstractSystem, file: Path, header: Sequence[str]) -> list[_Column]:
     model = system.model
-    known = {signal.name: signal for signal in (TIME, *model.states, *model.inputs, *model.unknown_inputs)}
-    accepted = ", ".join(known)
+    signals = {signal.name: signal for signal in (TIME, *model.states, *model.inputs, *model.unknown_inputs)}
+    accepted = ", ".join(signals)
     columns: list[_Column] = []
-    for place, written in enumerate(header):
+    for index, written in enumerate(header):
         name, _, unit = written.partition("[")
         name = name.strip()
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
+        if name not in signals:
+            near = difflib.get_close_matches(name, signals, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{file}, line 1, column {place + 1}: unknown name {name!r}{hint} (accepted: {accepted})")
+            raise InputError(f"{file}, line 1, column {index + 1}: unknown name {name!r}{hint} (accepted: {accepted})")
         if name in [column.signal.name for column in columns]:
-            raise InputError(f"{file}, line 1, column {place + 1}: {name!r} is there twice")
-        columns.append(_Column(known[name], place, name, _factor(file, place, known[name], unit.strip().rstrip("]").strip())))
-    found = {column.signal.name for column in columns}
-    missing = [signal.name for signal in (TIME, *model.states) if signal.name not in found]
+            raise InputError(f"{file}, line 1, column {index + 1}: {name!r} is there twice")
+        columns.append(_Column(signals[name], index, name, _factor(file, index, signals[name], unit.strip().rstrip("]").strip())))
+    present = {column.signal.name for column in columns}
+    missing = [signal.name for signal in (TIME, *model.states) if signal.name not in present]
     for group in (model.inputs, model.unknown_inputs):
-        given = [signal.name for signal in group if signal.name in found]
-        missing += [signal.name for signal in group if given and signal.name not in found]
+        given = [signal.name for signal in group if signal.name in present]
+        missing += [signal.name for signal in group if given and signal.name not in present]
     if missing:
         raise InputError(f"{file}, line 1: no column {missing[0]!r} (a path needs {', '.join(s.name for s in (TIME, *model.states))})")
     return columns
 
 
-def _factor(file: Path, place: int, signal: Signal, unit: str) -> float:
+def _factor(file: Path, index: int, signal: Signal, unit: str) -> float:
     if unit in ("", signal.unit) or (unit == "-" and not signal.unit):
         return 1.0
     if unit == signal.unit.replace("rad", "deg"):
         return math.pi / 180
     degrees = f" or {signal.unit.replace('rad', 'deg')}" if "rad" in signal.unit else ""
-    raise InputError(f"{file}, line 1, column {place + 1}: {signal.name} is in {unit!r}: must be in {signal.unit or 'no unit'}{degrees}")
+    raise InputError(f"{file}, line 1, column {index + 1}: {signal.name} is in {unit!r}: must be in {signal.unit or 'no unit'}{degrees}")
 
 
 def _values(file: Path, lines: list[tuple[int, list[str]]], column: _Column, held: bool) -> list[float]:
     """The numbers of a column; the inputs of the last row hold for nothing and may be left out."""
     rows = lines[:-1] if held else lines
-    found = []
+    numbers = []
     for line, row in rows:
         try:
-            number = float(row[column.place])
+            number = float(row[column.index])
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise InputError(f"{file}, line {line}, column {column.written!r}: {row[column.place]!r} is no finite number")
-        found.append(number * column.factor)
-    return found
+            raise InputError(f"{file}, line {line}, column {column.header!r}: {row[column.index]!r} is no finite number")
+        numbers.append(number * column.factor)
+    return numbers
 
 
 def _require_even(file: Path, lines: list[tuple[int, list[str]]], t: np.ndarray) -> None:
@@ -148,7 +148,7 @@ def _require_even(file: Path, lines: list[tuple[int, list[str]]], t: np.ndarray)
         k = int(np.argmax(steps <= 0)) + 1
         raise InputError(f"{file}, line {lines[k][0]}, column 't': {t[k]:g} s comes after {t[k - 1]:g} s: times must increase")
     step = (t[-1] - t[0]) / len(steps)
-    off = np.abs(steps - steps[0]) > _EVEN * step
+    off = np.abs(steps - steps[0]) > _STEP_TOLERANCE * step
     if off.any():
         k = int(np.argmax(off)) + 1
         raise InputError(
@@ -158,18 +158,18 @@ def _require_even(file: Path, lines: list[tuple[int, list[str]]], t: np.ndarray)
 
 def _path(system: AbstractSystem, file: Path, t: np.ndarray, x: np.ndarray, held: dict[str, list[float]]) -> ReadPath:
     model = system.model
-    known, unknown = (
+    inputs, unknown = (
         np.column_stack([held[name] for name in names]) if names and names[0] in held else None
         for names in (model.input_names, tuple(signal.name for signal in model.unknown_inputs))
     )
-    if known is not None or not model.input_names:
-        return ReadPath(Trajectory(t, x, np.empty((len(t) - 1, 0)) if known is None else known, unknown))
+    if inputs is not None or not model.input_names:
+        return ReadPath(Trajectory(t, x, np.empty((len(t) - 1, 0)) if inputs is None else inputs, unknown))
     path = Trajectory(t, x, np.zeros((len(t) - 1, len(model.inputs))))
-    found = recovered_inputs(system, x, path.step)
+    recovered = recover_inputs(system, x, path.step)
     notes = [f"{file.name} has no inputs: they are those that lead from each of its states to the next."]
-    missed, reach = np.abs(found.missed), np.maximum(np.ptp(x, axis=0), 1e-3)
-    k, i = np.unravel_index(int(np.argmax(missed / reach)), missed.shape)
-    if missed[k, i] > _MISSED * reach[i]:
-        by = f"{model.states[i].name} by {missed[k, i]:.3g} {model.states[i].unit}"
+    mismatch, reach = np.abs(recovered.mismatch), np.maximum(np.ptp(x, axis=0), 1e-3)
+    k, i = np.unravel_index(int(np.argmax(mismatch / reach)), mismatch.shape)
+    if mismatch[k, i] > _MISMATCH_TOLERANCE * reach[i]:
+        by = f"{model.states[i].name} by {mismatch[k, i]:.3g} {model.states[i].unit}"
         notes.append(f"No inputs of the vehicle lead through all of its states: at {t[k]:g} s a step misses {by}.")
-    return ReadPath(Trajectory(t, x, found.u, unknown), tuple(notes))
+    return ReadPath(Trajectory(t, x, recovered.u, unknown), tuple(notes))

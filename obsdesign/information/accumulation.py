@@ -15,51 +15,51 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor, require_positive, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import held_along, simulate, substeps_along, substeps_needed
-from obsdesign.dynamics.step import CACHED, sensitivity_along, step_of, steps_per_sample
+from obsdesign.dynamics.simulation import all_inputs_along, simulate, substeps_along, substeps_needed
+from obsdesign.dynamics.step import CACHE_SIZE, sensitivity_along, step_of, steps_per_sample
 from obsdesign.errors import InputError
-from obsdesign.information.additive_amounts import counting
+from obsdesign.information.additive_amounts import additive_factors
 from obsdesign.information.correlated_noise import Colour, colour_of
 from obsdesign.information.gramian import require_fit, require_sensors, variational_gramian
 from obsdesign.information.sample_graph import instant_of
-from obsdesign.information.sample_information import sampled
+from obsdesign.information.sample_information import sampling_mask
 from obsdesign.packing import Packing, packing_of
 from obsdesign.trajectory import TOLERANCE, Trajectory
 
-_CHUNK = 500  # paths per task: fixed, so that the answer does not depend on the number of workers
+_PATHS_PER_TASK = 500  # paths per task: fixed, so that the answer does not depend on the number of workers
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
+class Accumulator:
     """(x, Phi, errors, W) -> one step later, W the packed sums over the samples of each sensor; rows u, w and those of `taken`.
 
-    start: of Phi and of what is remembered of errors that are not independent, at the beginning of a path; see `Stepped`.
+    start: of Phi and of what is remembered of errors that are not independent, at the beginning of a path; see `InformationStep`.
     """
 
     scan: Scan
     start: np.ndarray
     packing: Packing
-    masked: bool
+    is_masked: bool
     colour: Colour | None
 
-    def first(self, x: np.ndarray) -> np.ndarray:
+    def initial_carry(self, x: np.ndarray) -> np.ndarray:
         """Return the carry (M, c) at starts x (M, n)."""
         n, moving = x.shape[1], x.shape[1] + len(self.start)
         carry = np.zeros((len(x), moving + len(self.packing.rows)))
         carry[:, :n], carry[:, n:moving] = x, self.start
         return carry
 
-    def taken(self, system: AbstractSystem, steps: int, step: float, share: np.ndarray | None = None) -> list[np.ndarray]:
+    def sampling_rows(self, system: AbstractSystem, steps: int, step: float, weights: np.ndarray | None = None) -> list[np.ndarray]:
         """Return the rows that say which samples there are: none where every sensor has one at every step.
 
-        share (N, S): which of them count, where errors are not independent; None = all.
+        weights (N, S): which of them count, where errors are not independent; None = all.
         """
-        if not self.masked:
+        if not self.is_masked:
             return []
-        due = sampled(system, steps, step).astype(float)
+        sampling = sampling_mask(system, steps, step).astype(float)
         if self.colour is None:
-            return [due]
-        return [due, np.ones_like(due) if share is None else share]
+            return [sampling]
+        return [sampling, np.ones_like(sampling) if weights is None else weights]
 
     def sums(self, carry: np.ndarray) -> np.ndarray:
         """Return W (M, S, n, n) of carries (M, c)."""
@@ -67,58 +67,77 @@ class Walk:
 
 
 @dataclass(frozen=True, eq=False)
-class Stepped:
+class InformationStep:
     """One step as SX: state x, carry (Phi's free entries, and what is remembered of errors that are not independent), inputs u, w and
-    both, `taken` = who samples, and the blocks that are sampled, as `Instant` has them; start: of the carry.
+    both, `sampling` = who samples, and the blocks that are sampled, as `Instant` has them; start: of the carry.
     """
 
     x: ca.SX
     carry: ca.SX
     u: ca.SX
     w: ca.SX
-    held: ca.SX
-    taken: list[ca.SX]
+    all_inputs: ca.SX
+    sampling: list[ca.SX]
     x_next: ca.SX
     carry_next: ca.SX
     blocks: list[ca.SX]
     start: np.ndarray
 
 
-@lru_cache(CACHED)
-def stepped(model: Model, step: float, substeps: int = 1, counted: bool = False) -> Stepped:
+@lru_cache(CACHE_SIZE)
+def information_step(model: Model, step: float, substeps: int = 1, is_additive: bool = False) -> InformationStep:
     """Return one step with its samples: the blocks of independent errors, or what each sensor adds to the samples before and beside.
 
-    counted: amounts from below instead of the latter, of each sensor alone.
+    is_additive: amounts from below instead of the latter, of each sensor alone.
     """
-    one, shape = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
-    found = instant_of(model, shape.Phi, any(period > 1 for period in steps_per_sample(model, step)), counted)
-    carry, carry_next = ca.vertcat(shape.free, found.carry), ca.vertcat(shape.next, found.carry_next)
-    start = np.concatenate([shape.start, found.start])
-    return Stepped(one.x, carry, one.u, one.w, one.held, found.taken, one.x_next, carry_next, found.blocks, start)
+    step_graph, sensitivity = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
+    instant = instant_of(model, sensitivity.Phi, any(period > 1 for period in steps_per_sample(model, step)), is_additive)
+    carry, carry_next = ca.vertcat(sensitivity.free, instant.carry), ca.vertcat(sensitivity.free_next, instant.carry_next)
+    start = np.concatenate([sensitivity.start, instant.start])
+    return InformationStep(
+        step_graph.x,
+        carry,
+        step_graph.u,
+        step_graph.w,
+        step_graph.all_inputs,
+        instant.sampling,
+        step_graph.x_next,
+        carry_next,
+        instant.blocks,
+        start,
+    )
 
 
-@lru_cache(CACHED)
-def walk_of(model: Model, step: float, substeps: int = 1) -> Walk:
+@lru_cache(CACHE_SIZE)
+def simulating_accumulator(model: Model, step: float, substeps: int = 1) -> Accumulator:
     """Return the walk that simulates as it sums."""
-    one = stepped(model, step, substeps)
-    packing, sums, sums_next = _summed(one)
-    scan = Scan(ca.vertcat(one.x, one.carry, sums), [one.u, one.w, *one.taken], ca.vertcat(one.x_next, one.carry_next, sums_next))
-    return Walk(scan, one.start, packing, bool(one.taken), colour_of(model))
+    step_graph = information_step(model, step, substeps)
+    packing, sums, sums_next = _running_sums(step_graph)
+    scan = Scan(
+        ca.vertcat(step_graph.x, step_graph.carry, sums),
+        [step_graph.u, step_graph.w, *step_graph.sampling],
+        ca.vertcat(step_graph.x_next, step_graph.carry_next, sums_next),
+    )
+    return Accumulator(scan, step_graph.start, packing, bool(step_graph.sampling), colour_of(model))
 
 
-@lru_cache(CACHED)
-def walk_along(model: Model, step: float, substeps: int = 1, counted: bool = False) -> Walk:
+@lru_cache(CACHE_SIZE)
+def accumulator_along(model: Model, step: float, substeps: int = 1, is_additive: bool = False) -> Accumulator:
     """The same along given states: (Phi, errors, W), rows x, (u, w) and who samples."""
-    one = stepped(model, step, substeps, counted)
-    packing, sums, sums_next = _summed(one)
-    scan = Scan(ca.vertcat(one.carry, sums), [one.x, one.held, *one.taken], ca.vertcat(one.carry_next, sums_next))
-    return Walk(scan, one.start, packing, bool(one.taken), colour_of(model))
+    step_graph = information_step(model, step, substeps, is_additive)
+    packing, sums, sums_next = _running_sums(step_graph)
+    scan = Scan(
+        ca.vertcat(step_graph.carry, sums),
+        [step_graph.x, step_graph.all_inputs, *step_graph.sampling],
+        ca.vertcat(step_graph.carry_next, sums_next),
+    )
+    return Accumulator(scan, step_graph.start, packing, bool(step_graph.sampling), colour_of(model))
 
 
-def _summed(one: Stepped) -> tuple[Packing, ca.SX, ca.SX]:
-    packing = packing_of(one.blocks)
+def _running_sums(step_graph: InformationStep) -> tuple[Packing, ca.SX, ca.SX]:
+    packing = packing_of(step_graph.blocks)
     sums = ca.SX.sym("W", len(packing.rows))
-    return packing, sums, sums + packing.column(one.blocks)
+    return packing, sums, sums + packing.column(step_graph.blocks)
 
 
 @validate_arguments
@@ -137,13 +156,13 @@ def segment_information(system: AbstractSystem, path: Trajectory, segments: int)
     """
     require_fit(system, path)
     require_divisor("segments", segments, "steps", path.steps)
-    walk = walk_along(system.model, path.step, substeps_along(system, path), counted=colour_of(system.model) is not None)
+    accumulator = accumulator_along(system.model, path.step, substeps_along(system, path), is_additive=colour_of(system.model) is not None)
     length = path.steps // segments
-    rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step)]
-    if walk.colour is not None:
+    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.step)]
+    if accumulator.colour is not None:
         firsts = np.arange(0, path.steps, length)
-        rows += counting(walk.colour, rows[2][:, walk.colour.sensor_of] > 0, firsts).rows(firsts)
-    return walk.packing.full(np.array(_stretches(walk, system, path, rows, length)))
+        rows += additive_factors(accumulator.colour, rows[2][:, accumulator.colour.sensor_of_output] > 0, firsts).rows(firsts)
+    return accumulator.packing.full(np.array(_sums_by_stretch(accumulator, system, path, rows, length)))
 
 
 def path_information(system: AbstractSystem, path: Trajectory, weights: np.ndarray | None = None) -> np.ndarray:
@@ -158,27 +177,29 @@ def path_information(system: AbstractSystem, path: Trajectory, weights: np.ndarr
             return segment_information(system, path, 1)[0].sum(axis=0)
         return np.einsum("ks,ksij->ij", weights, segment_information(system, path, len(weights)))
     require_fit(system, path)
-    walk = walk_along(system.model, path.step, substeps_along(system, path))
+    accumulator = accumulator_along(system.model, path.step, substeps_along(system, path))
     share = None if weights is None else np.repeat(weights, path.steps // len(weights), axis=0)
-    rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step, share)]
-    return walk.packing.full(np.array(_stretches(walk, system, path, rows, path.steps)))[0].sum(axis=0)
+    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.step, share)]
+    return accumulator.packing.full(np.array(_sums_by_stretch(accumulator, system, path, rows, path.steps)))[0].sum(axis=0)
 
 
-def _stretches(walk: Walk, system: AbstractSystem, path: Trajectory, rows: list[np.ndarray], length: int) -> list[np.ndarray]:
+def _sums_by_stretch(
+    accumulator: Accumulator, system: AbstractSystem, path: Trajectory, rows: list[np.ndarray], length: int
+) -> list[np.ndarray]:
     """Return the packed sums of each stretch of so many steps."""
-    moved, sums = walk.start, []
+    carried, sums = accumulator.start, []
     for first in range(0, path.steps, length):
-        part = [values[first : first + length] for values in rows]
-        carry = walk.scan.last(np.concatenate([moved, np.zeros(len(walk.packing.rows))]), *part)
+        rows_of_stretch = [values[first : first + length] for values in rows]
+        carry = accumulator.scan.last(np.concatenate([carried, np.zeros(len(accumulator.packing.rows))]), *rows_of_stretch)
         if not np.isfinite(carry).all():
             variational_gramian(system, path.part(0, first + length))
-        sums.append(carry[len(moved) :])
-        moved = carry[: len(moved)]
+        sums.append(carry[len(carried) :])
+        carried = carry[: len(carried)]
     return sums
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _BatchTask:
     system: AbstractSystem
     starts: np.ndarray
     u: np.ndarray
@@ -224,23 +245,23 @@ def batch_information(
         raise InputError(f"starts has shape {points.shape} for {len(systems)} systems: must be (M, n), M > 0, one start for each system")
     inputs, unknown = as_array("u", u), None if w is None else as_array("w", w)
     inputs = inputs[:, None] if inputs.ndim == 1 else inputs
-    sensors = {len(each.model.channels) for each in dict.fromkeys(systems)}
+    sensors = {len(item.model.channels) for item in dict.fromkeys(systems)}
     if len(sensors) > 1:
         raise InputError(f"the systems have {' and '.join(map(str, sorted(sensors)))} sensors: all must have the same number")
     tasks = [replace(task, tolerance=tolerance) for task in _tasks(systems, points, inputs, dt, unknown)]
-    found = map(_totals, tasks) if executor is None else executor.map(_totals, tasks)
-    return np.concatenate(list(found))
+    totals = map(_totals, tasks) if executor is None else executor.map(_totals, tasks)
+    return np.concatenate(list(totals))
 
 
-def _tasks(systems: list[AbstractSystem], points: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray | None) -> Iterator[_Task]:
+def _tasks(systems: list[AbstractSystem], points: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray | None) -> Iterator[_BatchTask]:
     """One task for each run of the same system, at most so many starts long."""
     first = 0
     for last in range(1, len(points) + 1):
-        if last < len(points) and systems[last] == systems[first] and last - first < _CHUNK:
+        if last < len(points) and systems[last] == systems[first] and last - first < _PATHS_PER_TASK:
             continue
-        own = [values[first:last] if values is not None and values.ndim == 3 else values for values in (u, w)]
+        task_inputs = [values[first:last] if values is not None and values.ndim == 3 else values for values in (u, w)]
         _require_shapes(systems[first], points[first:last], u, w, len(points), first)
-        yield _Task(systems[first], points[first:last], own[0], dt, own[1], first)  # pyright: ignore[reportArgumentType]
+        yield _BatchTask(systems[first], points[first:last], task_inputs[0], dt, task_inputs[1], first)  # pyright: ignore[reportArgumentType]
         first = last
 
 
@@ -257,53 +278,53 @@ def _require_shapes(system: AbstractSystem, points: np.ndarray, u: np.ndarray, w
         if steps < 1 or values.shape not in accepted:
             raise InputError(f"{name} has shape {values.shape}: must be (N, {width}) or ({count}, N, {width}), N > 0 the same for u and w")
         if not np.isfinite(values).all():
-            place = np.argwhere(~np.isfinite(values))[0]
-            raise InputError(f"{name}[{', '.join(map(str, place))}] is {values[tuple(place)]}: must be finite")
+            index = np.argwhere(~np.isfinite(values))[0]
+            raise InputError(f"{name}[{', '.join(map(str, index))}] is {values[tuple(index)]}: must be finite")
     if not np.isfinite(points).all():
         row, column = np.argwhere(~np.isfinite(points))[0]
         raise InputError(f"starts[{first + row}]: {model.state_names[column]} is {points[row, column]}: must be finite")
 
 
-def _totals(task: _Task) -> np.ndarray:
+def _totals(task: _BatchTask) -> np.ndarray:
     counts = _substeps(task)
-    parts = [(rows, _totals_of(task, rows, int(counts[rows[0]]))) for rows in (np.flatnonzero(counts == c) for c in np.unique(counts))]
-    if len(parts) == 1:
-        return parts[0][1]
-    found = np.empty((len(counts), *parts[0][1].shape[1:]))
-    for rows, W in parts:
-        found[rows] = W
-    return found
+    groups = [(rows, _totals_of(task, rows, int(counts[rows[0]]))) for rows in (np.flatnonzero(counts == c) for c in np.unique(counts))]
+    if len(groups) == 1:
+        return groups[0][1]
+    totals = np.empty((len(counts), *groups[0][1].shape[1:]))
+    for rows, W in groups:
+        totals[rows] = W
+    return totals
 
 
-def _totals_of(task: _Task, rows: np.ndarray, substeps: int) -> np.ndarray:
+def _totals_of(task: _BatchTask, rows: np.ndarray, substeps: int) -> np.ndarray:
     """Return W of the paths of these rows."""
-    walk, steps = walk_of(task.system.model, task.dt, substeps), task.u.shape[-2]
-    idle = np.zeros(len(task.system.model.unknown_inputs))
-    inputs = [values[rows] if values.ndim == 3 else values for values in (task.u, idle if task.w is None else task.w)]
-    start = walk.first(task.starts[rows])
-    carry = walk.scan.run(start, [*inputs, *walk.taken(task.system, steps, task.dt)], steps, carries=False).carry
+    accumulator, steps = simulating_accumulator(task.system.model, task.dt, substeps), task.u.shape[-2]
+    no_disturbance = np.zeros(len(task.system.model.unknown_inputs))
+    inputs = [values[rows] if values.ndim == 3 else values for values in (task.u, no_disturbance if task.w is None else task.w)]
+    start = accumulator.initial_carry(task.starts[rows])
+    carry = accumulator.scan.run(start, [*inputs, *accumulator.sampling_rows(task.system, steps, task.dt)], steps, carries=False).carry
     if not np.isfinite(carry).all():
-        _refuse(task, int(rows[np.argwhere(~np.isfinite(carry))[0, 0]]))
-    return walk.sums(carry)
+        _raise_for_start(task, int(rows[np.argwhere(~np.isfinite(carry))[0, 0]]))
+    return accumulator.sums(carry)
 
 
-def _substeps(task: _Task) -> np.ndarray:
+def _substeps(task: _BatchTask) -> np.ndarray:
     """Return what each path of a task needs; raise InputError with the first start that needs too many."""
     try:
         return substeps_needed(task.system, task.starts, task.u, task.dt, task.w, task.tolerance)
     except InputError:
         for row in range(len(task.starts)):
-            _refuse(task, row, only_steps=True)
+            _raise_for_start(task, row, steps_only=True)
         raise
 
 
-def _refuse(task: _Task, row: int, only_steps: bool = False) -> None:
-    """Raise what the start of that row is refused for; only_steps: for what its steps are, or not at all."""
+def _raise_for_start(task: _BatchTask, row: int, steps_only: bool = False) -> None:
+    """Raise what the start of that row is refused for; steps_only: for what its steps are, or not at all."""
     u = task.u[row] if task.u.ndim == 3 else task.u
     w = task.w[row] if task.w is not None and task.w.ndim == 3 else task.w
     try:
         path = simulate(task.system, task.starts[row], u, task.dt, w, tolerance=task.tolerance)
-        if only_steps:
+        if steps_only:
             return
         variational_gramian(task.system, path)
     except InputError as error:

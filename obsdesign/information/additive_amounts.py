@@ -10,21 +10,21 @@ from obsdesign.information.correlated_noise import Colour
 
 
 @dataclass(frozen=True, eq=False)
-class Counting:
-    """factor (N, q) <= 1: what each sample's information is multiplied by; spread (q,) >= 1: what the variance of
+class AdditiveFactors:
+    """factor (N, q) <= 1: what each sample's information is multiplied by; bias_factor (q,) >= 1: what the variance of
     its constant is."""
 
     factor: np.ndarray
-    spread: np.ndarray
+    bias_factor: np.ndarray
 
     def rows(self, firsts: np.ndarray) -> list[np.ndarray]:
         """Return fresh (N, 1), factor and spread (N, q) for the recursion over stretches that begin at steps `firsts`."""
-        fresh = np.zeros((len(self.factor), 1))
-        fresh[firsts] = 1.0
-        return [fresh, self.factor, np.tile(self.spread, (len(self.factor), 1))]
+        is_first = np.zeros((len(self.factor), 1))
+        is_first[firsts] = 1.0
+        return [is_first, self.factor, np.tile(self.bias_factor, (len(self.factor), 1))]
 
 
-def counting(colour: Colour, due: np.ndarray, firsts: np.ndarray) -> Counting:
+def additive_factors(colour: Colour, sampling: np.ndarray, firsts: np.ndarray) -> AdditiveFactors:
     """Return what makes amounts of K stretches, which begin at steps `firsts`, a bound from below for every choice of them.
 
     With R_k the covariance of a stretch's errors alone, R <= diag(c R_k) makes sum A_k' (c R_k)^-1 A_k <= A' R^-1 A, for any part of
@@ -39,22 +39,22 @@ def counting(colour: Colour, due: np.ndarray, firsts: np.ndarray) -> Counting:
       instant.
     """
     owner = np.array(colour.owner)
-    ends = np.append(firsts[1:], len(due))
-    factor, spread = np.ones(due.shape), np.ones(colour.q)
+    ends = np.append(firsts[1:], len(sampling))
+    factor, bias_factor = np.ones(sampling.shape), np.ones(colour.q)
     for s in range(len(colour.sensors)):
         outputs = np.flatnonzero(owner == s)
-        clock = np.concatenate([[0], np.cumsum(due[:, outputs[0]])])
+        clock = np.concatenate([[0], np.cumsum(sampling[:, outputs[0]])])
         counts = clock[ends] - clock[firsts]
         counts = counts[counts > 0]
-        spread[outputs] = max(1, len(counts))
+        bias_factor[outputs] = max(1, len(counts))
         for j in outputs:
-            factor[:, j] = 1 / _in_time(colour.correlation[j], counts)
+            factor[:, j] = 1 / _time_factor(colour.correlation[j], counts)
     for members, correlation in colour.groups:
-        factor[:, members] /= _at_once(np.array(correlation), owner[list(members)], due[:, members])[:, None]
-    return Counting(factor, spread)
+        factor[:, members] /= _joint_factor(np.array(correlation), owner[list(members)], sampling[:, members])[:, None]
+    return AdditiveFactors(factor, bias_factor)
 
 
-def _in_time(phi: float, counts: np.ndarray) -> float:
+def _time_factor(phi: float, counts: np.ndarray) -> float:
     """c for stretches of so many samples."""
     if not phi or len(counts) < 2:
         return 1.0
@@ -63,15 +63,15 @@ def _in_time(phi: float, counts: np.ndarray) -> float:
     return (1 + phi) / (1 - phi ** int(counts[1:-1].min()))
 
 
-def _at_once(correlation: np.ndarray, owner: np.ndarray, due: np.ndarray) -> np.ndarray:
+def _joint_factor(correlation: np.ndarray, owner: np.ndarray, sampling: np.ndarray) -> np.ndarray:
     """c (N,) of a group at each instant, by who of it has a sample then."""
-    patterns, which = np.unique(due, axis=0, return_inverse=True)
-    found = np.ones(len(patterns))
+    patterns, pattern_index = np.unique(sampling, axis=0, return_inverse=True)
+    factors = np.ones(len(patterns))
     for i, pattern in enumerate(patterns):
-        kept = np.flatnonzero(pattern)
-        if len(kept):
-            R, mine = correlation[np.ix_(kept, kept)], owner[kept]
-            own = np.linalg.cholesky(np.where(mine[:, None] == mine, R, 0.0))
-            unit = np.linalg.solve(own, np.linalg.solve(own, R).T)
-            found[i] = max(1.0, np.linalg.eigvalsh((unit + unit.T) / 2)[-1])
-    return found[which.ravel()]
+        members = np.flatnonzero(pattern)
+        if len(members):
+            R, member_owner = correlation[np.ix_(members, members)], owner[members]
+            root = np.linalg.cholesky(np.where(member_owner[:, None] == member_owner, R, 0.0))
+            whitened_correlation = np.linalg.solve(root, np.linalg.solve(root, R).T)
+            factors[i] = max(1.0, np.linalg.eigvalsh((whitened_correlation + whitened_correlation.T) / 2)[-1])
+    return factors[pattern_index.ravel()]

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import as_array, require_divisor
 from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.errors import InputError
-from obsdesign.information.correlated_samples import Samples
+from obsdesign.information.correlated_samples import CorrelatedSamples
 from obsdesign.information.provenance import Origin
-from obsdesign.round_off import Sight, reweighed, rows_of, sight_of_sum
+from obsdesign.round_off import Visibility, reweigh, square_root_rows, visibility_of_sum
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Information(AbstractDisplay):
     """Names of the S sensors."""
     transition: np.ndarray | None = None
     """Phi = dx(t_N)/dx(t_0) (n, n), which carries information to the end of the path; None = not known."""
-    samples: Samples | None = None
+    samples: CorrelatedSamples | None = None
     """The samples whose errors are not independent; None = there are none."""
     origin: Origin | None = None
     """The system and path that it comes from, so that round-off can be told from information; None: by the blocks alone."""
@@ -48,7 +48,7 @@ class Information(AbstractDisplay):
             if transition.shape != blocks.shape[2:]:
                 raise InputError(f"information: transition has shape {transition.shape}: must be {blocks.shape[2:]}")
             object.__setattr__(self, "transition", transition)
-        for what, value, kind in (("samples", self.samples, Samples), ("origin", self.origin, Origin)):
+        for what, value, kind in (("samples", self.samples, CorrelatedSamples), ("origin", self.origin, Origin)):
             if value is not None and not isinstance(value, kind):
                 raise InputError(f"information: {what} is {value!r}: must be made by a Gramian, or None")
         if blocks.flags.writeable:  # someone else may still write to it
@@ -68,54 +68,54 @@ class Information(AbstractDisplay):
         n = self.blocks.shape[2]
         if self.samples is None:
             return self.blocks.reshape(-1, n * n).sum(axis=0).reshape(n, n)
-        return self.blocks[:, self._white].sum(axis=(0, 1)) + self.samples.information()
+        return self.blocks[:, self._white_sensors].sum(axis=(0, 1)) + self.samples.information()
 
     def under(self, active: ArrayLike) -> np.ndarray:
         """W (n, n) of the samples of the sensors that are on, active (N, S): true or false, or the share of the samples that count."""
-        share = as_array("active", active)
-        if share.shape != self.blocks.shape[:2] or not ((share >= 0) & (share <= 1)).all():
-            raise InputError(f"active has shape {share.shape}: must be {self.blocks.shape[:2]}, every entry from 0 to 1")
+        weights = as_array("active", active)
+        if weights.shape != self.blocks.shape[:2] or not ((weights >= 0) & (weights <= 1)).all():
+            raise InputError(f"active has shape {weights.shape}: must be {self.blocks.shape[:2]}, every entry from 0 to 1")
         if self.samples is None:
-            return np.einsum("ks,ksij->ij", share, self.blocks)
-        white = np.einsum("ks,ksij->ij", share[:, self._white], self.blocks[:, self._white])
-        return white + self.samples.information(share[:, list(self.samples.colour.places)])
+            return np.einsum("ks,ksij->ij", weights, self.blocks)
+        white = np.einsum("ks,ksij->ij", weights[:, self._white_sensors], self.blocks[:, self._white_sensors])
+        return white + self.samples.information(weights[:, list(self.samples.colour.sensor_indices)])
 
     def along(self, v: np.ndarray) -> np.ndarray:
         """Return (N, S) >= 0, summing to v'W v: what each sample says beyond those before it and, in joint noise, beside it."""
         if self.origin is not None and self.origin.is_of_samples:
-            each = self.origin.along(v)
+            amounts = self.origin.along(v)
         else:
-            each = np.einsum("i,ksij,j->ks", v, self.blocks, v)
+            amounts = np.einsum("i,ksij,j->ks", v, self.blocks, v)
         if self.samples is not None:
-            each[:, list(self.samples.colour.places)] = self.samples.along(v)
-        return each
+            amounts[:, list(self.samples.colour.sensor_indices)] = self.samples.along(v)
+        return amounts
 
     @property
     def std(self) -> np.ndarray:
         """Cramer-Rao bound (n,) of each component of x(t_0) in its unit: sqrt(diag(W^-1)); inf for what stays hidden."""
-        return self.sight.std
+        return self.visibility.std
 
     @cached_property
-    def sight(self) -> Sight:
+    def visibility(self) -> Visibility:
         """The directions that are seen and those that stay hidden, where what is seen of them is round-off."""
         if self.origin is None:
-            return sight_of_sum(self.total)
+            return visibility_of_sum(self.total)
         if self.origin.is_of_samples and self.samples is None:
-            return self.origin.sight
-        return reweighed(self.origin.sight, self._rows)
+            return self.origin.visibility
+        return reweigh(self.origin.visibility, self._independent_rows)
 
     @property
-    def _rows(self) -> np.ndarray:
+    def _independent_rows(self) -> np.ndarray:
         """Independent rows (m, n) of variance 1 about x(t_0), whose squares add up to `total`."""
         if self.origin is None or not self.origin.is_of_samples or self.samples is None:
-            return rows_of(self.total)
-        return np.concatenate([self.origin.rows_of(self._white), self.samples.independent])
+            return square_root_rows(self.total)
+        return np.concatenate([self.origin.rows_of(self._white_sensors), self.samples.independent_rows])
 
     @property
     def final(self) -> np.ndarray:
         """Phi^-T W Phi^-1 (n, n), what all samples say about x(t_N); raises InputError where Phi is not known or is singular."""
         try:
-            inverse = np.linalg.inv(self._carried())
+            inverse = np.linalg.inv(self._require_transition())
         except np.linalg.LinAlgError:
             raise InputError("information: the transition dx(t_N)/dx(t_0) is singular: the path forgets its start") from None
         return inverse.T @ self.total @ inverse
@@ -128,7 +128,7 @@ class Information(AbstractDisplay):
 
         Raises InputError unless both are about the same sensors and states and this one's transition is known.
         """
-        Phi = self._carried()
+        Phi = self._require_transition()
         if later.names != self.names or later.blocks.shape[2] != len(Phi):
             raise InputError(f"information of {', '.join(later.names)} does not follow that of {', '.join(self.names)}: another system")
         if (self.samples and self.samples.colour) != (later.samples and later.samples.colour):
@@ -150,24 +150,24 @@ class Information(AbstractDisplay):
         steps = len(self.blocks)
         require_divisor("segments", segments, "steps", steps)
         summed = self.blocks.reshape(segments, steps // segments, *self.blocks.shape[1:]).sum(axis=1)
-        return self._counted(summed, np.arange(0, steps, steps // segments))
+        return self._with_correlated_amounts(summed, np.arange(0, steps, steps // segments))
 
     def by_stretch(self, firsts: np.ndarray) -> np.ndarray:
         """Return the same (K, S, n, n) for stretches of any length that begin at steps `firsts` (K,), the first at 0."""
-        return self._counted(np.add.reduceat(self.blocks, firsts, axis=0), firsts)
+        return self._with_correlated_amounts(np.add.reduceat(self.blocks, firsts, axis=0), firsts)
 
-    def _counted(self, summed: np.ndarray, firsts: np.ndarray) -> np.ndarray:
+    def _with_correlated_amounts(self, summed: np.ndarray, firsts: np.ndarray) -> np.ndarray:
         if self.samples is not None:
-            summed[:, list(self.samples.colour.places)] = self.samples.amounts(firsts)
+            summed[:, list(self.samples.colour.sensor_indices)] = self.samples.amounts(firsts)
         return summed
 
     @property
-    def _white(self) -> list[int]:
+    def _white_sensors(self) -> list[int]:
         """Places of the sensors whose errors are independent."""
-        coloured = () if self.samples is None else self.samples.colour.places
+        coloured = () if self.samples is None else self.samples.colour.sensor_indices
         return [s for s in range(len(self.names)) if s not in coloured]
 
-    def _carried(self) -> np.ndarray:
+    def _require_transition(self) -> np.ndarray:
         if self.transition is None:
             raise InputError("information: the transition dx(t_N)/dx(t_0) is not known, so nothing can be said about the end of the path")
         return self.transition
@@ -184,7 +184,7 @@ class Information(AbstractDisplay):
 
 
 def with_samples(
-    blocks: np.ndarray, names: tuple[str, ...], transition: np.ndarray | None, samples: Samples | None, origin: Origin | None
+    blocks: np.ndarray, names: tuple[str, ...], transition: np.ndarray | None, samples: CorrelatedSamples | None, origin: Origin | None
 ) -> Information:
     """Return information whose blocks of coloured sensors are the amounts that each single sample may be counted for.
 
@@ -192,7 +192,7 @@ def with_samples(
     """
     if samples is not None:
         blocks = blocks.copy()
-        blocks[:, list(samples.colour.places)] = samples.amounts(np.arange(len(blocks)))
+        blocks[:, list(samples.colour.sensor_indices)] = samples.amounts(np.arange(len(blocks)))
     blocks.setflags(write=False)
     found = object.__new__(Information)
     vars(found).update(blocks=blocks, names=names, transition=transition, samples=samples, origin=origin)

@@ -16,13 +16,13 @@ from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import as_scale
 from obsdesign.errors import InputError
 from obsdesign.information.blocks import Information
-from obsdesign.round_off import Sight
+from obsdesign.round_off import Visibility
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_BULK = 0.7  # what a sentence calls most of what is known
+_BULK_SHARE = 0.7  # what a sentence calls most of what is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +71,9 @@ class Contributions(AbstractDisplay):
             return f"{state.name} stays hidden"
         sensor, first, last = shortest_bulk(self.shares[i])
         share = self.shares[i, first : last + 1, sensor].sum()
-        place = f"segment {first + 1}" if first == last else f"segments {first + 1}-{last + 1}"
+        segments = f"segment {first + 1}" if first == last else f"segments {first + 1}-{last + 1}"
         unit = f" {state.unit}" if state.unit else ""
-        bulk = f"{100 * share:.0f} % of that knowledge comes from {self.sensors[sensor]} in {place}"
+        bulk = f"{100 * share:.0f} % of that knowledge comes from {self.sensors[sensor]} in {segments}"
         return f"{state.name} is known to {self.std[i]:.3g}{unit}; {bulk}"
 
 
@@ -100,25 +100,29 @@ def contributions(
             f"information {information.blocks.shape} is not of this system: {len(system.model.channels)} sensors, {len(states)} states"
         )
     S = as_scale(system, scale)
-    said = _Said(information, len(information.blocks) if segments is None else segments)
-    require_divisor("segments", said.segments, "steps", len(information.blocks))
-    sight = information.sight
-    shares = np.stack([_shares(said, v) for v in _profiles(sight)])
-    values, vectors = sight.principal(S)
-    said_least = _shares(said, S * vectors[:, 0]) if values[0] else np.full((said.segments, len(information.names)), np.nan)
-    return Contributions(states, information.names, sight.std, shares, vectors[:, 0], float(values[0]), said_least)
+    segment_information = _SegmentInformation(information, len(information.blocks) if segments is None else segments)
+    require_divisor("segments", segment_information.segments, "steps", len(information.blocks))
+    visibility = information.visibility
+    shares = np.stack([_shares(segment_information, v) for v in _profiles(visibility)])
+    values, vectors = visibility.principal_axes(S)
+    weakest_shares = (
+        _shares(segment_information, S * vectors[:, 0])
+        if values[0]
+        else np.full((segment_information.segments, len(information.names)), np.nan)
+    )
+    return Contributions(states, information.names, visibility.std, shares, vectors[:, 0], float(values[0]), weakest_shares)
 
 
-def _profiles(sight: Sight) -> np.ndarray:
+def _profiles(visibility: Visibility) -> np.ndarray:
     """Rows v = W^-1 e_i / (W^-1)_ii: along v state i changes by 1 and the others so that the samples notice least; NaN if hidden."""
-    inverse, visible = sight.covariance, np.isfinite(sight.std)
+    inverse, is_visible = visibility.covariance, np.isfinite(visibility.std)
     rows = np.full_like(inverse, np.nan)
-    rows[visible] = inverse[visible] / np.diag(inverse)[visible, None]
+    rows[is_visible] = inverse[is_visible] / np.diag(inverse)[is_visible, None]
     return rows
 
 
 @dataclass(frozen=True, eq=False)
-class _Said:
+class _SegmentInformation:
     """Information of K equal segments."""
 
     information: Information
@@ -133,14 +137,14 @@ class _Said:
         """Return (K, S), summing to v'W v."""
         if self.information.samples is None and self.information.origin is None:
             return np.einsum("i,ksij,j->ks", v, self.blocks, v)
-        each = self.information.along(v)
-        return each.reshape(self.segments, -1, each.shape[1]).sum(axis=1)
+        amounts = self.information.along(v)
+        return amounts.reshape(self.segments, -1, amounts.shape[1]).sum(axis=1)
 
 
-def _shares(said: _Said, v: np.ndarray) -> np.ndarray:
-    each = said.along(v)
-    total = each.sum()
-    return np.maximum(each, 0.0) / total if total > 0 else np.full(each.shape, np.nan)
+def _shares(segment_information: _SegmentInformation, v: np.ndarray) -> np.ndarray:
+    amounts = segment_information.along(v)
+    total = amounts.sum()
+    return np.maximum(amounts, 0.0) / total if total > 0 else np.full(amounts.shape, np.nan)
 
 
 def shortest_bulk(shares: np.ndarray) -> tuple[int, int, int]:
@@ -150,9 +154,9 @@ def shortest_bulk(shares: np.ndarray) -> tuple[int, int, int]:
     """
     sensor = int(shares.sum(axis=0).argmax())
     column = shares[:, sensor]
-    summed = np.concatenate([[0.0], np.cumsum(column)])
-    wanted = _BULK * summed[-1]
-    ends = np.searchsorted(summed, summed[:-1] + wanted * (1 - 1e-12))  # for each first segment, one past the last
-    lengths = np.where(ends < len(summed), ends - np.arange(len(column)), len(column) + 1)
+    cumulative = np.concatenate([[0.0], np.cumsum(column)])
+    target = _BULK_SHARE * cumulative[-1]
+    ends = np.searchsorted(cumulative, cumulative[:-1] + target * (1 - 1e-12))  # for each first segment, one past the last
+    lengths = np.where(ends < len(cumulative), ends - np.arange(len(column)), len(column) + 1)
     first = int(lengths.argmin())
     return sensor, first, int(ends[first]) - 1

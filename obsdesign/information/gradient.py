@@ -13,10 +13,10 @@ from obsdesign.checks import all_finite, require_positive, require_tolerance
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import as_known_and_unknown, as_scale, as_state, side_by_side, simulate, substeps_needed
-from obsdesign.dynamics.step import CACHED
+from obsdesign.dynamics.simulation import as_input_arrays, as_scale, as_state, join_inputs, simulate, substeps_needed
+from obsdesign.dynamics.step import CACHE_SIZE
 from obsdesign.errors import InputError
-from obsdesign.information.accumulation import Walk, stepped, walk_of
+from obsdesign.information.accumulation import Accumulator, information_step, simulating_accumulator
 from obsdesign.information.gramian import require_sensors, variational_gramian
 from obsdesign.round_off import may_be_singular
 from obsdesign.trajectory import TOLERANCE
@@ -47,21 +47,21 @@ def information_value(
         tolerance: relative error of the steps, as in simulate.
     Raises InputError as simulate and variational_gramian.
     """
-    start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
+    start, u_known, w_unknown, S = _as_arrays(system, x0, u, w, dt, scale)
     require_tolerance(tolerance)
-    substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
-    walk, carry, _, _ = _walked(system, start, known, unknown, dt, substeps, carries=False)
-    W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
-    return criterion.value(_without_residues(W, system, start, known, dt, unknown, tolerance, S))
+    substeps = int(substeps_needed(system, start[None], u_known, dt, w_unknown, tolerance)[0])
+    accumulator, carry, _, _ = _accumulate(system, start, u_known, w_unknown, dt, substeps, carries=False)
+    W = accumulator.sums(carry)[0].sum(axis=0) * S[:, None] * S
+    return criterion.value(_without_round_off(W, system, start, u_known, dt, w_unknown, tolerance, S))
 
 
-def _without_residues(  # noqa: PLR0917  # what the path is made of
+def _without_round_off(  # noqa: PLR0917  # what the path is made of
     W: np.ndarray, system: AbstractSystem, start: np.ndarray, u: np.ndarray, dt: float, w: np.ndarray, tolerance: float, S: np.ndarray
 ) -> np.ndarray:
     """Return S W S (n, n), exactly 0 along what is round-off: only the rows of the path can tell."""
     if not may_be_singular(W):
         return W
-    return variational_gramian(system, simulate(system, start, u, dt, w, tolerance=tolerance)).sight.information * S[:, None] * S
+    return variational_gramian(system, simulate(system, start, u, dt, w, tolerance=tolerance)).visibility.information * S[:, None] * S
 
 
 @validate_arguments
@@ -93,52 +93,52 @@ def information_gradient(
         tolerance: relative error of the steps, as in simulate.
     Raises InputError as information_value, and where the criterion has no value (-inf).
     """
-    start, known, unknown, S = _checked(system, x0, u, w, dt, scale)
+    start, u_known, w_unknown, S = _as_arrays(system, x0, u, w, dt, scale)
     require_tolerance(tolerance)
-    substeps = int(substeps_needed(system, start[None], known, dt, unknown, tolerance)[0])
-    walk, carry, carries, taken = _walked(system, start, known, unknown, dt, substeps, carries=True)
-    W = walk.sums(carry)[0].sum(axis=0) * S[:, None] * S
-    W = _without_residues(W, system, start, known, dt, unknown, tolerance, S)
+    substeps = int(substeps_needed(system, start[None], u_known, dt, w_unknown, tolerance)[0])
+    accumulator, carry, carries, sampling = _accumulate(system, start, u_known, w_unknown, dt, substeps, carries=True)
+    W = accumulator.sums(carry)[0].sum(axis=0) * S[:, None] * S
+    W = _without_round_off(W, system, start, u_known, dt, w_unknown, tolerance, S)
     value = criterion.value(W)
     if not np.isfinite(value):
         raise InputError(f"{type(criterion).__name__} is {value} along this path: it has no gradient there")
     Z = criterion.slope(W) * S[:, None] * S
-    moving = len(start) + len(walk.start)
-    before = np.concatenate([walk.first(start[None]), carries[:-1]])[:, :moving]
-    reversed_rows = [row[::-1] for row in (before, side_by_side(known, unknown), *taken)]
+    carry_size = len(start) + len(accumulator.start)
+    carries_before = np.concatenate([accumulator.initial_carry(start[None]), carries[:-1]])[:, :carry_size]
+    reversed_rows = [row[::-1] for row in (carries_before, join_inputs(u_known, w_unknown), *sampling)]
     rows = [*reversed_rows, Z.ravel()]
-    adjoint = _back(system.model, dt, substeps).run(np.zeros((1, moving)), rows, len(before), carries=False)
+    adjoint = _adjoint_scan(system.model, dt, substeps).run(np.zeros((1, carry_size)), rows, len(carries_before), carries=False)
     return value, adjoint.results[0][0, ::-1].copy()
 
 
-def _checked(
+def _as_arrays(
     system: AbstractSystem, x0: ArrayLike, u: ArrayLike, w: ArrayLike | None, dt: float, scale: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return x0 (n,), u (N, m), w (N, p) and the scale (n,) as arrays, or raise InputError."""
     require_positive("dt", dt)
     require_sensors(system)
-    known, unknown = as_known_and_unknown(system, u, w)
-    return as_state(system, x0, "x0"), known, unknown, as_scale(system, scale)
+    u_known, w_unknown = as_input_arrays(system, u, w)
+    return as_state(system, x0, "x0"), u_known, w_unknown, as_scale(system, scale)
 
 
-def _walked(
+def _accumulate(
     system: AbstractSystem, start: np.ndarray, u: np.ndarray, w: np.ndarray, dt: float, substeps: int, *, carries: bool
-) -> tuple[Walk, np.ndarray, np.ndarray, list[np.ndarray]]:
+) -> tuple[Accumulator, np.ndarray, np.ndarray, list[np.ndarray]]:
     """Return the walk, its last carry (1, c), the carries (N, c) if wanted, and who samples."""
-    walk = walk_of(system.model, dt, substeps)
-    taken = walk.taken(system, len(u), dt)
-    run = walk.scan.run(walk.first(start[None]), [u, w, *taken], len(u), carries=carries)
+    accumulator = simulating_accumulator(system.model, dt, substeps)
+    sampling = accumulator.sampling_rows(system, len(u), dt)
+    run = accumulator.scan.run(accumulator.initial_carry(start[None]), [u, w, *sampling], len(u), carries=carries)
     if not all_finite(run.carry):
         variational_gramian(system, simulate(system, start, u, dt, w))  # says what is wrong, and where
-    return walk, run.carry, run.carries[0], taken
+    return accumulator, run.carry, run.carries[0], sampling
 
 
-@lru_cache(CACHED)
-def _back(model: Model, dt: float, substeps: int) -> Scan:
+@lru_cache(CACHE_SIZE)
+def _adjoint_scan(model: Model, dt: float, substeps: int) -> Scan:
     """(adjoint of x, of the carry) at t_k+1 -> at t_k; rows (x, carry)_k, (u, w)_k, who samples, Z; result: the gradient (m,) to u_k."""
-    one, n = stepped(model, dt, substeps), len(model.states)
-    state, state_next = ca.vertcat(one.x, one.carry), ca.vertcat(one.x_next, one.carry_next)
-    Z, later = ca.SX.sym("Z", n * n), ca.SX.sym("adjoint", state.numel())
-    potential = ca.dot(ca.reshape(Z, n, n), sum(one.blocks, ca.SX(n, n))) + ca.dot(later, state_next)
-    slopes = ca.gradient(potential, ca.vertcat(state, one.u))
-    return Scan(later, [state, one.held, *one.taken, Z], slopes[: state.numel()], [slopes[state.numel() :]])
+    step_graph, n = information_step(model, dt, substeps), len(model.states)
+    state, state_next = ca.vertcat(step_graph.x, step_graph.carry), ca.vertcat(step_graph.x_next, step_graph.carry_next)
+    Z, adjoint = ca.SX.sym("Z", n * n), ca.SX.sym("adjoint", state.numel())
+    potential = ca.dot(ca.reshape(Z, n, n), sum(step_graph.blocks, ca.SX(n, n))) + ca.dot(adjoint, state_next)
+    slopes = ca.gradient(potential, ca.vertcat(state, step_graph.u))
+    return Scan(adjoint, [state, step_graph.all_inputs, *step_graph.sampling, Z], slopes[: state.numel()], [slopes[state.numel() :]])

@@ -16,8 +16,8 @@ from obsdesign.checks import as_pair, require_count, require_known
 from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import as_scale, held_along
-from obsdesign.dynamics.step import CACHED, steps_per_sample
+from obsdesign.dynamics.simulation import all_inputs_along, as_scale
+from obsdesign.dynamics.step import CACHE_SIZE, steps_per_sample
 from obsdesign.geometry import circle_through
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.windows import sliding_information
@@ -120,10 +120,10 @@ def circle_residuals(
     model = system.model
     require_known("circle_residuals: the state", ("x", "y"), model.state_names)
     circle = landmark_circle(model.landmarks if landmarks is None else landmarks)
-    found = _along(model, circle, orders).along(np.empty(0), path.x[:-1], held_along(system, path))
-    residuals, moved, sizes, turned = found[1:]
+    results = _circle_scan(model, circle, orders).along(np.empty(0), path.x[:-1], all_inputs_along(system, path))
+    residuals, velocity_derivatives, sizes, turn_derivatives = results[1:]
     with np.errstate(divide="ignore", invalid="ignore"):
-        relation = np.where(moved <= _ROUND_OFF * sizes, 0.0, moved) / turned
+        relation = np.where(velocity_derivatives <= _ROUND_OFF * sizes, 0.0, velocity_derivatives) / turn_derivatives
     # ||P - c| - r| without the difference of two nearly equal numbers
     distance = np.abs(residuals[:, 0]) / (np.sqrt(np.maximum(residuals[:, 0] + circle.radius**2, 0.0)) + circle.radius)
     return CircleResiduals(circle, path.t[:-1], distance, residuals, _sigma_min(system, path, window, scale), relation)
@@ -138,20 +138,20 @@ def _sigma_min(system: AbstractSystem, path: Trajectory, window: int | None, sca
     return np.concatenate([smallest, np.full(path.steps - len(smallest), np.nan)])
 
 
-@lru_cache(CACHED)
-def _along(model: Model, circle: Circle, orders: int) -> Scan:
+@lru_cache(CACHE_SIZE)
+def _circle_scan(model: Model, circle: Circle, orders: int) -> Scan:
     """At x and (u, w): residuals (K,), then |d^k (v_f, v_h)|, what rounding is measured against, and d^k omega (K,) each."""
     names, field = model.state_names, model.drift + model.B @ model.u + model.G @ model.w
     position = ca.vertcat(*(model.x[names.index(name)] for name in ("x", "y")))
     residual = ca.sumsqr(position - ca.SX(circle.centre)) - circle.radius**2
-    results = [ca.vertcat(*_derivatives(residual, model.x, field, orders)), *_paper(model, position, field, orders)]
+    results = [ca.vertcat(*_derivatives(residual, model.x, field, orders)), *_paper_terms(model, position, field, orders)]
     return Scan(ca.SX(0, 1), [model.x, ca.vertcat(model.u, model.w)], ca.SX(0, 1), results)
 
 
-def _paper(model: Model, position: ca.SX, field: ca.SX, orders: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+def _paper_terms(model: Model, position: ca.SX, field: ca.SX, orders: int) -> tuple[ca.SX, ca.SX, ca.SX]:
     if "heading" not in model.state_names:
-        nothing = ca.SX.zeros(orders)
-        return nothing, nothing, nothing
+        zeros = ca.SX.zeros(orders)
+        return zeros, zeros, zeros
     heading = model.x[model.state_names.index("heading")]
     velocity, turning = (lie_derivative(what, model.x, field) for what in (position, heading))
     to_axes = ca.blockcat([[ca.cos(heading), ca.sin(heading)], [-ca.sin(heading), ca.cos(heading)]])
@@ -160,13 +160,13 @@ def _paper(model: Model, position: ca.SX, field: ca.SX, orders: int) -> tuple[ca
     sizes = [ca.SX(0)]
     for change in _derivatives(velocity, model.x, field, orders):
         sizes.append(ca.norm_2(change) + ca.fabs(turning) * sizes[-1])
-    turned = _derivatives(turning, model.x, field, orders)
-    return ca.vertcat(*map(ca.norm_2, along_axes)), ca.vertcat(*sizes[1:]), ca.vertcat(*turned)
+    turn_derivatives = _derivatives(turning, model.x, field, orders)
+    return ca.vertcat(*map(ca.norm_2, along_axes)), ca.vertcat(*sizes[1:]), ca.vertcat(*turn_derivatives)
 
 
 def _derivatives(functions: ca.SX, x: ca.SX, field: ca.SX, orders: int) -> list[ca.SX]:
     """Return functions (q, 1) and their derivatives of orders 1 .. orders - 1 with respect to time."""
-    found = [functions]
+    derivatives = [functions]
     for _ in range(orders - 1):
-        found.append(lie_derivative(found[-1], x, field))
-    return found
+        derivatives.append(lie_derivative(derivatives[-1], x, field))
+    return derivatives

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.information.gramian import empirical_gramian, perturbation_of, variational_gramian
+from obsdesign.information.gramian import as_perturbation, empirical_gramian, variational_gramian
 from obsdesign.trajectory import Trajectory
 
 TOLERANCE = 1e-3  # relative error that an empirical Gramian may have and still be called good
@@ -40,10 +40,10 @@ class Perturbation(AbstractDisplay):
     @property
     def sentence(self) -> str:
         """Say what was found, and what to do about it."""
-        found = f"eps and eps / 2 differ by {self.difference:.1e}: curvature {self.curvature:.1e}, rounding {self.rounding:.1e}"
+        text = f"eps and eps / 2 differ by {self.difference:.1e}: curvature {self.curvature:.1e}, rounding {self.rounding:.1e}"
         if self.suitable:
-            return f"{found}; this eps is good to {self.curvature + self.rounding:.0e}"
-        return f"{found}; take a {'smaller' if self.curvature > self.rounding else 'larger'} eps"
+            return f"{text}; this eps is good to {self.curvature + self.rounding:.0e}"
+        return f"{text}; take a {'smaller' if self.curvature > self.rounding else 'larger'} eps"
 
 
 @validate_arguments
@@ -59,15 +59,15 @@ def perturbation(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4
         weighted: False = without R, as in empirical_gramian.
     Raises InputError as empirical_gramian.
     """
-    size = perturbation_of(system, eps)
+    size = as_perturbation(system, eps)
     exact = variational_gramian(system, path, weighted).total
-    here, narrow = (empirical_gramian(system, path, factor * size, weighted).total for factor in (1.0, 0.5))
-    error = _distance(here, exact)
-    rounding = error and error * float(np.clip((_distance(narrow, exact) / error - 0.25) / 0.75, 0.0, 1.0))
-    return Perturbation(size, _distance(here, narrow), error - rounding, rounding)
+    full, half = (empirical_gramian(system, path, factor * size, weighted).total for factor in (1.0, 0.5))
+    error = _distance(full, exact)
+    rounding = error and error * float(np.clip((_distance(half, exact) / error - 0.25) / 0.75, 0.0, 1.0))
+    return Perturbation(size, _distance(full, half), error - rounding, rounding)
 
 
-def _distance(one: np.ndarray, other: np.ndarray) -> float:
-    size = np.sqrt(np.maximum(np.diag(one), np.diag(other)))
+def _distance(first: np.ndarray, second: np.ndarray) -> float:
+    size = np.sqrt(np.maximum(np.diag(first), np.diag(second)))
     unit = np.outer(size, size)
-    return float(np.max(np.abs(one - other) / np.where(unit > 0, unit, 1.0)))
+    return float(np.max(np.abs(first - second) / np.where(unit > 0, unit, 1.0)))

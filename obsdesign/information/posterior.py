@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
 from obsdesign.dynamics.model import AbstractSystem, Model
-from obsdesign.dynamics.nuisance_states import Nuisance, nuisance_of
+from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import held_along, substeps_along
-from obsdesign.dynamics.step import CACHED, step_of
+from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
+from obsdesign.dynamics.step import CACHE_SIZE, step_of
 from obsdesign.errors import InputError
-from obsdesign.information.backward_pass import backwards, backwards_lasting, refuse, sample_rows
+from obsdesign.information.backward_pass import backward_roots, backward_roots_with_nuisance, raise_not_finite, rows_of_samples
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.information_update import Disturbance, Root, shaken
-from obsdesign.information.nuisance_information import Errors, carried_with, sampled_with
-from obsdesign.information.sample_information import sampled
-from obsdesign.packing import packed, packed_values, symmetric
+from obsdesign.information.information_update import Disturbance, InformationRoot, add_disturbance
+from obsdesign.information.nuisance_information import ErrorDistribution, predict_with_errors, update_with_samples
+from obsdesign.information.sample_information import sampling_mask
+from obsdesign.packing import pack, pack_values, symmetric
 from obsdesign.prior import Prior
 from obsdesign.trajectory import Trajectory
 
-_UNSEEN = 1e-12  # share of a row's size below which what is left of it is rounding
+_ROUND_OFF_SHARE = 1e-12  # share of a row's size below which what is left of it is rounding
 
 
 @validate_arguments
@@ -44,7 +44,7 @@ def posterior_information(
     F and B are taken at the inputs that moved the path, `path.w` among them; whoever estimates knows all but those named in
     unknown_inputs. Computed with square roots of J, so that what is lost to an unknown input is lost to the last digit.
     Errors of samples that are correlated, constant or joint are nuisance states, which are eliminated: J = (P_xx)^-1 of the filter
-    that knows how they come about; see `Errors`. A sensor that is off lets them go on.
+    that knows how they come about; see `ErrorDistribution`. A sensor that is off lets them go on.
 
     Arguments:
         system: vehicle and sensors.
@@ -59,7 +59,7 @@ def posterior_information(
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     weights = weights_of(system, path, active)
     if disturbance.unknown:
-        backwards(system, path, disturbance, weights)
+        backward_roots(system, path, disturbance, weights)
     roots = _roots(system, path, prior, disturbance, weights)
     return roots.swapaxes(1, 2) @ roots
 
@@ -92,35 +92,35 @@ def unknown_input_information(
         raise InputError("unknown_inputs is empty: there is no input to know anything of")
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     weights = weights_of(system, path, active)
-    later = backwards(system, path, disturbance, weights)
+    later_roots = backward_roots(system, path, disturbance, weights)
     if nuisance_of(system.model, path.step).size:
-        return _left_of(*_about_lasting(system, path, prior, disturbance, weights))
+        return _marginal_information(*_rows_with_nuisance(system, path, prior, disturbance, weights))
     roots = _roots(system, path, prior, disturbance, weights)[:-1]
     n = path.x.shape[1]
-    about_state = np.concatenate([roots, later[:, :, :n]], axis=1)
-    about_input = np.concatenate([np.zeros_like(later[:, :, n:]), later[:, :, n:]], axis=1)
-    return _left_of(about_input, about_state)
+    about_state = np.concatenate([roots, later_roots[:, :, :n]], axis=1)
+    about_input = np.concatenate([np.zeros_like(later_roots[:, :, n:]), later_roots[:, :, n:]], axis=1)
+    return _marginal_information(about_input, about_state)
 
 
-def _about_lasting(
+def _rows_with_nuisance(
     system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (N, m, p) about w_k, and (N, m, .) about (b, x_k) and e, with errors z_k = M (b, x_k) + V^1/2 e."""
-    nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], held_along(system, path), weights]
+    nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], all_inputs_along(system, path), weights]
     a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
-    scan = _forward(system.model, path.step, disturbance, substeps_along(system, path), whole=True)
-    found = scan.run(posterior_start(prior, nuisance)[None], rows, path.steps, carries=False).results
+    scan = _forward_scan(system.model, path.step, disturbance, substeps_along(system, path), with_errors=True)
+    results = scan.run(initial_carry_of(prior, nuisance)[None], rows, path.steps, carries=False).results
     shapes = ((size, size), (size, a), (a, a))
-    T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(found, shapes, strict=True))
+    T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(results, shapes, strict=True))
     values, vectors = np.linalg.eigh(V)
     root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    later = backwards_lasting(system, path, disturbance, weights)
+    later = backward_roots_with_nuisance(system, path, disturbance, weights)
     errors, unit = later[:, :, size : size + a], np.broadcast_to(np.eye(a), (path.steps, a, a))
-    told = np.concatenate([later[:, :, :size] + errors @ M, errors @ root], axis=2)
-    known = np.concatenate([T, np.zeros((path.steps, size, a))], axis=2)
-    own = np.concatenate([np.zeros((path.steps, a, size)), unit], axis=2)
+    later_rows = np.concatenate([later[:, :, :size] + errors @ M, errors @ root], axis=2)
+    earlier_rows = np.concatenate([T, np.zeros((path.steps, size, a))], axis=2)
+    error_rows = np.concatenate([np.zeros((path.steps, a, size)), unit], axis=2)
     inputs = np.pad(later[:, :, size + a :], ((0, 0), (size, a), (0, 0)))
-    return inputs, np.concatenate([known, told, own], axis=1)
+    return inputs, np.concatenate([earlier_rows, later_rows, error_rows], axis=1)
 
 
 def disturbance_of(
@@ -146,8 +146,8 @@ def noise_factor(disturbance_psd: ArrayLike | None, n: int, step: float) -> np.n
     if psd.shape not in {(n,), (n, n)}:
         raise InputError(f"disturbance_psd has shape {psd.shape}: must be finite, ({n},) or symmetric ({n}, {n})")
     if not np.isfinite(psd).all():
-        place = np.argwhere(~np.isfinite(psd))[0]
-        raise InputError(f"disturbance_psd[{', '.join(map(str, place))}] is {psd[tuple(place)]}: must be finite")
+        index = np.argwhere(~np.isfinite(psd))[0]
+        raise InputError(f"disturbance_psd[{', '.join(map(str, index))}] is {psd[tuple(index)]}: must be finite")
     psd = np.diag(psd) if psd.ndim == 1 else psd
     skew = np.abs(psd - psd.T).max(initial=0.0)
     if skew > 1e-9 * np.abs(psd).max(initial=0.0):
@@ -155,69 +155,71 @@ def noise_factor(disturbance_psd: ArrayLike | None, n: int, step: float) -> np.n
     values, vectors = np.linalg.eigh(psd)
     if values[0] < -1e-12 * max(values[-1], 0.0):
         raise InputError(f"disturbance_psd has the eigenvalue {values[0]:g}: must be positive semidefinite")
-    kept = values > 0
-    return vectors[:, kept] * np.sqrt(values[kept] * step)
+    is_positive = values > 0
+    return vectors[:, is_positive] * np.sqrt(values[is_positive] * step)
 
 
 def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | None) -> np.ndarray:
     """Return (N, S): 1 where a sensor is on and has a sample, else 0."""
-    due = sampled(system, path.steps, path.step)
+    sampling = sampling_mask(system, path.steps, path.step)
     if active is None:
-        return due.astype(float)
+        return sampling.astype(float)
     mask = as_array("active", active)
-    if mask.shape != due.shape:
-        raise InputError(f"active has shape {mask.shape}: must be {due.shape}")
+    if mask.shape != sampling.shape:
+        raise InputError(f"active has shape {mask.shape}: must be {sampling.shape}")
     if not np.isin(mask, (0.0, 1.0)).all():
         raise InputError(f"active has the entry {mask[~np.isin(mask, (0.0, 1.0))][0]}: must be true or false")
-    return (due & (mask > 0)).astype(float)
+    return (sampling & (mask > 0)).astype(float)
 
 
-def posterior_start(prior: Prior, nuisance: Nuisance) -> np.ndarray:
+def initial_carry_of(prior: Prior, nuisance: NuisanceStates) -> np.ndarray:
     """Return the carry before the samples of t_0: (T, rounding) about (b, x), M = 0 and V = R, column by column."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     a, c = len(nuisance.coloured), len(nuisance.constant)
     T = np.eye(c + len(root))
     T[c:, c:] = root
-    return np.concatenate([T.ravel(order="F"), np.zeros(len(T)), np.zeros(a * len(T)), packed_values(nuisance.R)])
+    return np.concatenate([T.ravel(order="F"), np.zeros(len(T)), np.zeros(a * len(T)), pack_values(nuisance.R)])
 
 
-@lru_cache(CACHED)
-def _forward(model: Model, step: float, disturbance: Disturbance, substeps: int, whole: bool = False) -> Scan:
+@lru_cache(CACHE_SIZE)
+def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps: int, with_errors: bool = False) -> Scan:
     """Carry before the samples of t_k, rows x_k, (u, w)_k, active (S,) -> carry before those of t_k+1; result: R after those of t_k.
 
-    The carry is (T, rounding): T'T the information, T and R column by column; see `Root`. With errors that last, T is about the
-    constant ones and the state, and M and V of the others follow; see `Errors`. whole: all three are results.
+    The carry is (T, rounding): T'T the information, T and R column by column; see `InformationRoot`. With errors that last, T is about the
+    constant ones and the state, and M and V of the others follow; see `ErrorDistribution`. with_errors: all three are results.
     """
-    one, nuisance = step_of(model, step, substeps), nuisance_of(model, step)
+    step_graph, nuisance = step_of(model, step, substeps), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
     if not nuisance.size:
-        known = Root(T, rounding).with_rows(sample_rows(model, weights))
-        later = shaken(known.carried(ca.solve(one.F, ca.SX.eye(n))), one.B_w, disturbance)
-        carry_next = ca.vertcat(ca.vec(ca.densify(later.T)), later.rounding)
-        return Scan(ca.vertcat(ca.vec(T), rounding), [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(known.T))])
+        updated = InformationRoot(T, rounding).with_rows(rows_of_samples(model, weights))
+        predicted = add_disturbance(updated.transform(ca.solve(step_graph.F, ca.SX.eye(n))), step_graph.B_w, disturbance)
+        carry_next = ca.vertcat(ca.vec(ca.densify(predicted.T)), predicted.rounding)
+        return Scan(
+            ca.vertcat(ca.vec(T), rounding), [step_graph.x, step_graph.all_inputs, weights], carry_next, [ca.vec(ca.densify(updated.T))]
+        )
     M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
-    rows, counts, errors = sampled_with(model, nuisance, Errors(M, V), weights)
-    known = Root(T, rounding).with_rows(ca.sqrt(counts) * rows)
-    later, errors_later = carried_with(known, errors.later(nuisance), one.F, one.B_w, disturbance)
-    carry_next = ca.vertcat(ca.vec(later.T), later.rounding, ca.vec(errors_later.M), packed(errors_later.V))
+    rows, counts, errors = update_with_samples(model, nuisance, ErrorDistribution(M, V), weights)
+    updated = InformationRoot(T, rounding).with_rows(ca.sqrt(counts) * rows)
+    predicted, errors_predicted = predict_with_errors(updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance)
+    carry_next = ca.vertcat(ca.vec(predicted.T), predicted.rounding, ca.vec(errors_predicted.M), pack(errors_predicted.V))
     carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
-    results = [known.T, errors.M, errors.V] if whole else [known.T[c:, c:]]
-    return Scan(carry, [one.x, one.held, weights], carry_next, [ca.vec(ca.densify(each)) for each in results])
+    results = [updated.T, errors.M, errors.V] if with_errors else [updated.T[c:, c:]]
+    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights], carry_next, [ca.vec(ca.densify(result)) for result in results])
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
     n, nuisance = path.x.shape[1], nuisance_of(system.model, path.step)
-    rows = [path.x[:-1], held_along(system, path), weights]
-    start = posterior_start(prior, nuisance)[None]
-    scan = _forward(system.model, path.step, disturbance, substeps_along(system, path))
+    rows = [path.x[:-1], all_inputs_along(system, path), weights]
+    start = initial_carry_of(prior, nuisance)[None]
+    scan = _forward_scan(system.model, path.step, disturbance, substeps_along(system, path))
     run = scan.run(start, rows, path.steps, carries=False)
     size = n + len(nuisance.constant)
     last = run.carry[0, : size**2].reshape(size, size).T
     columns = np.concatenate([run.results[0][0], _about_state(last, n).T.reshape(1, -1)])
     if not np.isfinite(columns).all():
-        refuse(columns, system, path, weights)
+        raise_not_finite(columns, system, path, weights)
     return columns.reshape(-1, n, n).swapaxes(1, 2)
 
 
@@ -226,13 +228,13 @@ def _about_state(T: np.ndarray, n: int) -> np.ndarray:
     return T if len(T) == n or not np.isfinite(T).all() else np.linalg.qr(T).R[-n:, -n:]
 
 
-def _left_of(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:
+def _marginal_information(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:
     """Information (N, p, p) of rows (N, m, p) about inputs when the state, of rows (N, m, n), has taken what it can explain."""
     size = np.linalg.norm(about_state, axis=1, keepdims=True)
     U, values, _ = np.linalg.svd(about_state / np.where(size > 0, size, 1.0), full_matrices=False)
-    U = np.where((values > _UNSEEN * values[:, :1])[:, None, :], U, 0.0)
-    left = about_input - U @ (U.swapaxes(1, 2) @ about_input)
+    U = np.where((values > _ROUND_OFF_SHARE * values[:, :1])[:, None, :], U, 0.0)
+    remainder = about_input - U @ (U.swapaxes(1, 2) @ about_input)
     # what is left after a cancellation to the last digits is rounding
-    noticed = np.linalg.norm(about_input, axis=1, keepdims=True)
-    left = np.where(np.linalg.norm(left, axis=1, keepdims=True) > _UNSEEN * noticed, left, 0.0)
-    return left.swapaxes(1, 2) @ left
+    input_size = np.linalg.norm(about_input, axis=1, keepdims=True)
+    remainder = np.where(np.linalg.norm(remainder, axis=1, keepdims=True) > _ROUND_OFF_SHARE * input_size, remainder, 0.0)
+    return remainder.swapaxes(1, 2) @ remainder

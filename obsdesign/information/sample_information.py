@@ -9,56 +9,60 @@ import numpy as np
 from obsdesign.checks import all_finite
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHED, blocks_of, dense_blocks, steps_per_sample
+from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, steps_per_sample
 from obsdesign.errors import InputError
 from obsdesign.information.correlated_noise import Colour
-from obsdesign.information.correlated_samples import Samples
+from obsdesign.information.correlated_samples import CorrelatedSamples
 from obsdesign.trajectory import Trajectory
 
 
-def sampled(system: AbstractSystem, steps: int, step: float, first: int = 0) -> np.ndarray:
+def sampling_mask(system: AbstractSystem, steps: int, step: float, first: int = 0) -> np.ndarray:
     """Return (N, S) bool: True where sensor s has a sample at t_k, k = first .. first + N - 1; the first sample is at t_0."""
     periods = np.array(steps_per_sample(system.model, step), dtype=int).reshape(1, -1)
     return np.arange(first, first + steps)[:, None] % periods == 0
 
 
-def sampled_only(blocks: np.ndarray, system: AbstractSystem, step: float) -> np.ndarray:
+def zero_unsampled(blocks: np.ndarray, system: AbstractSystem, step: float) -> np.ndarray:
     """Return blocks (N, S, ...) with those set to 0, in place, where there is no sample."""
     if any(period > 1 for period in steps_per_sample(system.model, step)):
-        blocks[~sampled(system, len(blocks), step)] = 0.0
+        blocks[~sampling_mask(system, len(blocks), step)] = 0.0
     return blocks
 
 
-def samples_of(system: AbstractSystem, colour: Colour, rows: np.ndarray, level: np.ndarray, gate: np.ndarray, step: float) -> Samples:
+def samples_with_colour(
+    system: AbstractSystem, colour: Colour, rows: np.ndarray, level: np.ndarray, gate: np.ndarray, step: float
+) -> CorrelatedSamples:
     """Return the samples of coloured outputs, rows (N, q, n), level and gate (N, q), 0 where there is none."""
-    due = sampled(system, len(rows), step)[:, colour.sensor_of]
-    return Samples(colour, np.where(due[..., None], rows, 0.0), np.where(due, level, 0.0), np.where(due, gate, 0.0), due)
+    sampling = sampling_mask(system, len(rows), step)[:, colour.sensor_of_output]
+    return CorrelatedSamples(
+        colour, np.where(sampling[..., None], rows, 0.0), np.where(sampling, level, 0.0), np.where(sampling, gate, 0.0), sampling
+    )
 
 
-def with_derivatives(blocks: np.ndarray, system: AbstractSystem, path: Trajectory) -> np.ndarray:
+def require_finite_blocks(blocks: np.ndarray, system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return blocks (N, S, n, n), read-only, or raise InputError for the first that is not finite, and why."""
     if not all_finite(blocks):
-        bad = np.asarray(~np.isfinite(blocks).all(axis=(2, 3)))
-        require_derivatives(system, path, bad)
-        k = int(np.argwhere(bad)[0, 0])
+        is_not_finite = np.asarray(~np.isfinite(blocks).all(axis=(2, 3)))
+        require_derivatives(system, path, is_not_finite)
+        k = int(np.argwhere(is_not_finite)[0, 0])
         raise InputError(f"the information is not finite at step {k} (t = {path.t[k]:g} s): the sensitivity to the start overflows")
     blocks.setflags(write=False)
     return blocks
 
 
-def require_derivatives(system: AbstractSystem, path: Trajectory, asked: np.ndarray) -> None:
+def require_derivatives(system: AbstractSystem, path: Trajectory, requested: np.ndarray) -> None:
     """Raise InputError with the sensor and the step for the first sample of those asked (N, S) that has no derivative."""
     n = path.x.shape[1]
-    local = _local(system.model).along(np.empty(0), path.x[: len(asked)])[1].reshape(len(asked), -1, n, n)
-    missing = asked & ~np.isfinite(local).all(axis=(2, 3))
+    local = _local_scan(system.model).along(np.empty(0), path.x[: len(requested)])[1].reshape(len(requested), -1, n, n)
+    missing = requested & ~np.isfinite(local).all(axis=(2, 3))
     if missing.any():
         k, s = np.argwhere(missing)[0]
         name = system.model.sensor_names[s]
         raise InputError(f"sensor {name!r} has no derivative at step {k} (t = {path.t[k]:g} s): the path meets its landmark")
 
 
-@lru_cache(CACHED)
-def _local(model: Model) -> Scan:
+@lru_cache(CACHE_SIZE)
+def _local_scan(model: Model) -> Scan:
     import casadi as ca
 
     return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [dense_blocks(blocks_of(model, ca.SX.eye(model.x.numel())))])

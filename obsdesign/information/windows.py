@@ -11,16 +11,16 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, require_count
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import held_along, substeps_along
-from obsdesign.dynamics.step import CACHED, blocks_of, dense_blocks, step_of
+from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
+from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, step_of
 from obsdesign.errors import InputError
-from obsdesign.information.accumulation import walk_along
+from obsdesign.information.accumulation import accumulator_along
 from obsdesign.information.correlated_noise import colour_of
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.sample_information import sampled_only, with_derivatives
+from obsdesign.information.sample_information import require_finite_blocks, zero_unsampled
 from obsdesign.trajectory import Trajectory
 
-_ENTRIES = 1 << 20  # numbers of the rows that are walked at once: 8 MB of doubles
+_MAX_ENTRIES = 1 << 20  # numbers of the rows that are walked at once: 8 MB of doubles
 
 
 @validate_arguments
@@ -38,37 +38,37 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)
-    require_count("window", window, least=1, most=path.steps)
+    require_count("window", window, minimum=1, maximum=path.steps)
     window = int(window)  # whole numbers of NumPy do not know their bits
     if colour_of(system.model) is not None:
-        return _walked(system, path, window)
+        return _accumulate_windows(system, path, window)
     stretches = [local_information(system, path)]  # of 1, 2, 4, ... steps
     for bit in range(window.bit_length() - 1):
-        stretches.append(_joined(stretches[-1], stretches[-1], 1 << bit))
-    found, length = stretches[-1], 1 << (window.bit_length() - 1)
+        stretches.append(_concatenate(stretches[-1], stretches[-1], 1 << bit))
+    combined, length = stretches[-1], 1 << (window.bit_length() - 1)
     for bit in range(window.bit_length() - 1):
         if window >> bit & 1:
-            found, length = _joined(found, stretches[bit], length), length + (1 << bit)
-    return _finite(path, found[1][: path.steps - window + 1].copy())
+            combined, length = _concatenate(combined, stretches[bit], length), length + (1 << bit)
+    return _require_finite(path, combined[1][: path.steps - window + 1].copy())
 
 
-def _walked(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
+def _accumulate_windows(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
     """The same by a walk along each window."""
-    walk = walk_along(system.model, path.step, substeps_along(system, path))
-    rows = [path.x[:-1], held_along(system, path), *walk.taken(system, path.steps, path.step)]
+    accumulator = accumulator_along(system.model, path.step, substeps_along(system, path))
+    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.step)]
     windows = [np.moveaxis(np.lib.stride_tricks.sliding_window_view(values, window, axis=0), 2, 1) for values in rows]
-    start, found = np.concatenate([walk.start, np.zeros(len(walk.packing.rows))]), []
-    count = max(1, _ENTRIES // (window * sum(values.shape[1] for values in rows)))
+    start, totals = np.concatenate([accumulator.start, np.zeros(len(accumulator.packing.rows))]), []
+    count = max(1, _MAX_ENTRIES // (window * sum(values.shape[1] for values in rows)))
     for first in range(0, path.steps - window + 1, count):
         parts = [values[first : first + count] for values in windows]
-        carry = walk.scan.run(np.tile(start, (len(parts[0]), 1)), parts, window, carries=False).carry
-        found.append(walk.packing.full(carry[:, len(walk.start) :]))
-    if not all(map(all_finite, found)):
+        carry = accumulator.scan.run(np.tile(start, (len(parts[0]), 1)), parts, window, carries=False).carry
+        totals.append(accumulator.packing.full(carry[:, len(accumulator.start) :]))
+    if not all(map(all_finite, totals)):
         local_information(system, path)  # a landmark on the path, perhaps
-    return _finite(path, np.concatenate(found))
+    return _require_finite(path, np.concatenate(totals))
 
 
-def _finite(path: Trajectory, windows: np.ndarray) -> np.ndarray:
+def _require_finite(path: Trajectory, windows: np.ndarray) -> np.ndarray:
     if not all_finite(windows):
         k = int(np.argwhere(~np.isfinite(windows))[0, 0])
         raise InputError(f"the information of the window at step {k} (t = {path.t[k]:g} s) is not finite: the system is too unstable")
@@ -78,25 +78,25 @@ def _finite(path: Trajectory, windows: np.ndarray) -> np.ndarray:
 def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Return F (N, n, n) and C'R^-1 C (N, S, n, n) of each sensor, 0 where there is no sample, at each step."""
     n = path.x.shape[1]
-    rows = [path.x[:-1], held_along(system, path)]
-    run = _local(system.model, path.step, substeps_along(system, path)).run(np.empty((1, 0)), rows, path.steps, carries=False)
+    rows = [path.x[:-1], all_inputs_along(system, path)]
+    run = _local_scan(system.model, path.step, substeps_along(system, path)).run(np.empty((1, 0)), rows, path.steps, carries=False)
     F, blocks = (values.reshape(path.steps, -1, n, n) for values in run.results)
-    return F[:, 0].swapaxes(1, 2), with_derivatives(sampled_only(blocks, system, path.step), system, path)
+    return F[:, 0].swapaxes(1, 2), require_finite_blocks(zero_unsampled(blocks, system, path.step), system, path)
 
 
-@lru_cache(CACHED)
-def _local(model: Model, step: float, substeps: int) -> Scan:
-    one = step_of(model, step, substeps)
-    blocks = dense_blocks(blocks_of(model, ca.SX.eye(one.x.numel())))
-    return Scan(ca.SX(0, 1), [one.x, one.held], ca.SX(0, 1), [ca.vec(ca.densify(one.F)), blocks])
+@lru_cache(CACHE_SIZE)
+def _local_scan(model: Model, step: float, substeps: int) -> Scan:
+    step_graph = step_of(model, step, substeps)
+    blocks = dense_blocks(blocks_of(model, ca.SX.eye(step_graph.x.numel())))
+    return Scan(ca.SX(0, 1), [step_graph.x, step_graph.all_inputs], ca.SX(0, 1), [ca.vec(ca.densify(step_graph.F)), blocks])
 
 
-def _joined(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:
+def _concatenate(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Each stretch of `first`, `steps` long, followed by the one of `second` that begins where it ends."""
     F, W = first
     F_later, W_later = second[0][steps:], second[1][steps:]
     count = min(len(F), len(F_later))
     F, W, F_later, W_later = F[:count], W[:count], F_later[:count], W_later[:count]
-    across = F[:, None]
+    F_columns = F[:, None]
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused when all is joined
-        return F_later @ F, W + across.swapaxes(2, 3) @ W_later @ across
+        return F_later @ F, W + F_columns.swapaxes(2, 3) @ W_later @ F_columns

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.design.best_design import chosen as best_of
-from obsdesign.design.local_solve import Task, climbed
+from obsdesign.design.best_design import choose_best as best_of
+from obsdesign.design.local_solve import LocalSolve, solve_locally
 from obsdesign.design.record import Design
-from obsdesign.joint.problem import Question
+from obsdesign.joint.problem import JointProblem
 from obsdesign.selection.schedule import Schedule, gap_of
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
-_STILL = 1e-9  # relative gain of a round that is none
+_GAIN_TOLERANCE = 1e-9  # relative gain of a round that is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,90 +29,90 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class Turns:
+class AlternationStart:
     """A pair to improve in turn, and what led there."""
 
-    question: Question
+    joint_problem: JointProblem
     origin: str
     pair: Pair
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
-    """Where turns ended; values: the objective before and after every half step; still: whether another round would gain nothing."""
+class AlternationResult:
+    """Where it ended; values: the objective before and after every half step; is_stationary: whether another round would gain nothing."""
 
     origin: str
     pair: Pair
     values: tuple[float, ...]
-    still: bool
+    is_stationary: bool
 
 
-def paired(question: Question, design: Design, path: Trajectory, schedule: Schedule, penalty: float) -> Pair:
+def make_pair(joint_problem: JointProblem, design: Design, path: Trajectory, schedule: Schedule, penalty: float) -> Pair:
     """Return a pair with its objective recomputed."""
-    objective = question.criterion(path, schedule.chosen) - penalty - question.price(path)
+    objective = joint_problem.criterion_value(path, schedule.chosen) - penalty - joint_problem.path_price(path)
     return Pair(design, path, schedule, penalty, objective)
 
 
-def settled(turns: Turns) -> Settled:
+def alternate(start: AlternationStart) -> AlternationResult:
     """Improve the path for the schedule, then the schedule for the path, until a round gains nothing."""
-    question, pair, values, still = turns.question, turns.pair, [turns.pair.objective], False
-    for _ in range(turns.question.rounds):
-        before = pair.objective
-        pair, answered = _with_path(question, pair)
+    joint_problem, pair, values, is_stationary = start.joint_problem, start.pair, [start.pair.objective], False
+    for _ in range(start.joint_problem.rounds):
+        old_objective = pair.objective
+        pair, has_answer = _path_half_step(joint_problem, pair)
         values.append(pair.objective)
-        pair = with_schedule(question, pair)
+        pair = schedule_half_step(joint_problem, pair)
         values.append(pair.objective)
-        still = answered and pair.objective <= before + _STILL * abs(before)
-        if pair.objective <= before + _STILL * abs(before):
+        is_stationary = has_answer and pair.objective <= old_objective + _GAIN_TOLERANCE * abs(old_objective)
+        if pair.objective <= old_objective + _GAIN_TOLERANCE * abs(old_objective):
             break
-    return Settled(turns.origin, pair, tuple(values), still)
+    return AlternationResult(start.origin, pair, tuple(values), is_stationary)
 
 
-def certified(question: Question, end: Settled) -> Settled:
+def certify(joint_problem: JointProblem, result: AlternationResult) -> AlternationResult:
     """Return the end with a proven schedule; where that is better than its own, the turns go on from there."""
-    for _ in range(question.rounds):
-        pair = with_schedule(question, end.pair, proven=True)
-        if pair.objective <= end.pair.objective + _STILL * abs(end.pair.objective):
-            return replace(end, pair=pair)
-        again = settled(Turns(question, end.origin, pair))
-        end = replace(again, values=(*end.values, *again.values))
-    return replace(end, pair=with_schedule(question, end.pair, proven=True))
+    for _ in range(joint_problem.rounds):
+        pair = schedule_half_step(joint_problem, result.pair, proven=True)
+        if pair.objective <= result.pair.objective + _GAIN_TOLERANCE * abs(result.pair.objective):
+            return replace(result, pair=pair)
+        alternated = alternate(AlternationStart(joint_problem, result.origin, pair))
+        result = replace(alternated, values=(*result.values, *alternated.values))
+    return replace(result, pair=schedule_half_step(joint_problem, result.pair, proven=True))
 
 
-def shaped(question: Question, u: np.ndarray, chosen: np.ndarray) -> Design:
+def improve_path(joint_problem: JointProblem, u: np.ndarray, chosen: np.ndarray) -> Design:
     """Climb to the nearest local optimum of the path for a schedule (K, S) from inputs u (N, m)."""
-    problem = question.with_schedule(chosen)
-    found = [climbed(Task(problem, "in turn", u, (problem.path,), True))]
-    return best_of(problem, found, found)
+    problem = joint_problem.with_schedule(chosen)
+    solutions = [solve_locally(LocalSolve(problem, "in turn", u, (problem.path,), True))]
+    return best_of(problem, solutions, solutions)
 
 
-def _with_path(question: Question, pair: Pair) -> tuple[Pair, bool]:
+def _path_half_step(joint_problem: JointProblem, pair: Pair) -> tuple[Pair, bool]:
     """Return the pair with a path that is better for its schedule, if one was found, and whether the climb had an answer."""
-    design = shaped(question, pair.path.u, pair.schedule.chosen)
+    design = improve_path(joint_problem, pair.path.u, pair.schedule.chosen)
     path = design.trajectory
     if path is None:
         return pair, False
-    if question.allows(path, pair.schedule.chosen):
-        moved = paired(question, design, path, pair.schedule, pair.penalty)
-        return (moved if moved.objective >= pair.objective else pair), True
-    found = _selected(question, design, path)
-    return (found if found is not None and found.objective >= pair.objective else pair), True
+    if joint_problem.allows(path, pair.schedule.chosen):
+        improved = make_pair(joint_problem, design, path, pair.schedule, pair.penalty)
+        return (improved if improved.objective >= pair.objective else pair), True
+    candidate = _select_pair(joint_problem, design, path)
+    return (candidate if candidate is not None and candidate.objective >= pair.objective else pair), True
 
 
-def with_schedule(question: Question, pair: Pair, proven: bool = False) -> Pair:
+def schedule_half_step(joint_problem: JointProblem, pair: Pair, proven: bool = False) -> Pair:
     """Return the pair with the best schedule found for its path, or with its own where that is as good, certified for the path."""
-    found = _selected(question, pair.design, pair.path, proven)
-    if found is None or found.objective > pair.objective:
-        return pair if found is None else found
-    picked, value = found.schedule, pair.objective + question.price(pair.path)
-    gap = gap_of(value, max(picked.bound, value), question.problem.criterion)
-    status = Status.OPTIMAL if picked.status is Status.OPTIMAL and gap <= picked.gap else picked.status
-    own = replace(picked, chosen=pair.schedule.chosen, value=value, gap=gap, status=status)
-    return replace(pair, schedule=own)
+    candidate = _select_pair(joint_problem, pair.design, pair.path, proven)
+    if candidate is None or candidate.objective > pair.objective:
+        return pair if candidate is None else candidate
+    selected, value = candidate.schedule, pair.objective + joint_problem.path_price(pair.path)
+    gap = gap_of(value, max(selected.bound, value), joint_problem.problem.criterion)
+    status = Status.OPTIMAL if selected.status is Status.OPTIMAL and gap <= selected.gap else selected.status
+    retained = replace(selected, chosen=pair.schedule.chosen, value=value, gap=gap, status=status)
+    return replace(pair, schedule=retained)
 
 
-def _selected(question: Question, design: Design, path: Trajectory, proven: bool = False) -> Pair | None:
-    schedule = question.selected(path, proven)
+def _select_pair(joint_problem: JointProblem, design: Design, path: Trajectory, proven: bool = False) -> Pair | None:
+    schedule = joint_problem.select_schedule(path, proven)
     if not schedule.status.has_answer:
         return None
-    return paired(question, design, path, schedule, question.penalty(path, schedule))
+    return make_pair(joint_problem, design, path, schedule, joint_problem.switching_penalty(path, schedule))

@@ -9,79 +9,83 @@ from itertools import islice
 import numpy as np
 
 from obsdesign.design.blas_threads import one_thread
-from obsdesign.design.feasibility import rows_of
+from obsdesign.design.feasibility import initial_rows
 from obsdesign.design.initial_guesses import start_inputs
-from obsdesign.design.nlp.joint_program import Relaxed
+from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
-from obsdesign.design.sqp.matrix_objective import aim_of
-from obsdesign.design.sqp.trust_region_sqp import Limits, climb
+from obsdesign.design.sqp.matrix_objective import matrix_objective_of
+from obsdesign.design.sqp.trust_region_sqp import StoppingCriteria, solve
 from obsdesign.dynamics.simulation import simulate
-from obsdesign.joint.alternation import Settled, Turns, paired, shaped
-from obsdesign.joint.problem import Question
+from obsdesign.joint.alternation import AlternationResult, AlternationStart, improve_path, make_pair
+from obsdesign.joint.problem import JointProblem
 
-_LIMITS = Limits(iterations=60, tolerance=1e-5)  # another climb follows, with a schedule
-_MANY = 120  # weights in a climb: where there are more, neighbouring segments share theirs
-_KEPT = 3  # rounded pairs that are worth turns
-_SAME = 1e-6  # relative difference of objectives that are one
+_STOPPING = StoppingCriteria(iterations=60, tolerance=1e-5)  # another climb follows, with a schedule
+_MAX_WEIGHTS = 120  # weights in a climb: where there are more, neighbouring segments share theirs
+_MAX_ROUNDED = 3  # rounded pairs that are worth turns
+_SAME_OBJECTIVE = 1e-6  # relative difference of objectives that are one
 
 
 @dataclass(frozen=True, eq=False)
-class Relaxation:
+class RelaxedStart:
     """Inputs u (N, m) and weights (K', S) to climb from together, and what led there."""
 
-    question: Question
+    joint_problem: JointProblem
     origin: str
     u: np.ndarray
     weights: np.ndarray
 
 
-def relaxations(question: Question, ends: Sequence[Settled], starts: int) -> Iterator[Relaxation]:
+def relaxations(joint_problem: JointProblem, ends: Sequence[AlternationResult], starts: int) -> Iterator[RelaxedStart]:
     """Yield where to climb from: the ends of turns, their schedules half undone, and other paths with the same weight on all sensors."""
-    S = len(question.problem.system.model.channels)
-    groups = _groups(question.segments, S)
-    even = np.full((groups, S), question.per_segment / S)
-    for end in ends:
-        chosen = end.pair.schedule.chosen.reshape(groups, -1, S).mean(axis=1)
-        yield Relaxation(question, f"relaxed, {end.origin}", end.pair.path.u, (even + chosen) / 2)
-    for name, u in islice(start_inputs(question.problem, question.seed), starts):
-        yield Relaxation(question, f"relaxed, {name}", u, even)
+    S = len(joint_problem.problem.system.model.channels)
+    groups = _groups(joint_problem.segments, S)
+    uniform = np.full((groups, S), joint_problem.per_segment / S)
+    for result in ends:
+        mean_schedule = result.pair.schedule.chosen.reshape(groups, -1, S).mean(axis=1)
+        yield RelaxedStart(joint_problem, f"relaxed, {result.origin}", result.pair.path.u, (uniform + mean_schedule) / 2)
+    for name, u in islice(start_inputs(joint_problem.problem, joint_problem.seed), starts):
+        yield RelaxedStart(joint_problem, f"relaxed, {name}", u, uniform)
 
 
-def rounded(start: Relaxation) -> Turns | None:
+def round_relaxation(start: RelaxedStart) -> AlternationStart | None:
     """Climb in (p, s), round by the selection on the path, and climb for that schedule; None where that has no answer."""
-    question = start.question
+    joint_problem = start.joint_problem
     with one_thread():
-        u = _together(start)
-        path = simulate(question.problem.system, question.problem.x0, u, question.problem.step, tolerance=question.problem.tolerance)
-        schedule = question.selected(path)
+        u = _solve_relaxation(start)
+        path = simulate(
+            joint_problem.problem.system, joint_problem.problem.x0, u, joint_problem.problem.step, tolerance=joint_problem.problem.tolerance
+        )
+        schedule = joint_problem.select_schedule(path)
         if not schedule.status.has_answer:
             return None
-        design = shaped(question, u, schedule.chosen)  # limits may be broken before, between the nodes
-        if design.trajectory is None or not question.allows(design.trajectory, schedule.chosen):
+        design = improve_path(joint_problem, u, schedule.chosen)  # limits may be broken before, between the nodes
+        if design.trajectory is None or not joint_problem.allows(design.trajectory, schedule.chosen):
             return None
-        pair = paired(question, design, design.trajectory, schedule, question.penalty(path, schedule))
-        return Turns(question, start.origin, pair)
+        pair = make_pair(joint_problem, design, design.trajectory, schedule, joint_problem.switching_penalty(path, schedule))
+        return AlternationStart(joint_problem, start.origin, pair)
 
 
-def promising(found: Iterable[Turns | None]) -> list[Turns]:
+def best_distinct(starts: Iterable[AlternationStart | None]) -> list[AlternationStart]:
     """Return the best few that differ."""
-    kept: list[Turns] = []
-    for each in sorted((each for each in found if each is not None), key=lambda each: -each.pair.objective):
-        level = each.pair.objective
-        if len(kept) < _KEPT and not any(abs(level - other.pair.objective) <= _SAME * abs(level) for other in kept):
-            kept.append(each)
-    return kept
+    best: list[AlternationStart] = []
+    for start in sorted((start for start in starts if start is not None), key=lambda start: -start.pair.objective):
+        objective = start.pair.objective
+        if len(best) < _MAX_ROUNDED and not any(
+            abs(objective - earlier.pair.objective) <= _SAME_OBJECTIVE * abs(objective) for earlier in best
+        ):
+            best.append(start)
+    return best
 
 
 def _groups(segments: int, sensors: int) -> int:
     """Return the largest number of equal groups of segments that does not take too many weights."""
-    return max(count for count in range(1, segments + 1) if segments % count == 0 and (count == 1 or count * sensors <= _MANY))
+    return max(count for count in range(1, segments + 1) if segments % count == 0 and (count == 1 or count * sensors <= _MAX_WEIGHTS))
 
 
-def _together(start: Relaxation) -> np.ndarray:
+def _solve_relaxation(start: RelaxedStart) -> np.ndarray:
     """Return the inputs (N, m) that a climb in path and weights comes to."""
-    problem = start.question.problem
-    inner = Program(problem, rows_of(problem), len(start.weights))
-    program = Relaxed(inner, len(start.weights), start.question.per_segment)
-    first = program.joined(problem.path.fit(start.u, problem.grid), start.weights)
-    return inner.inputs(program.parted(climb(program, aim_of(problem), first, limits=_LIMITS).p)[0])
+    problem = start.joint_problem.problem
+    path_program = Program(problem, initial_rows(problem), len(start.weights))
+    program = JointProgram(path_program, len(start.weights), start.joint_problem.per_segment)
+    first = program.join(problem.path.fit(start.u, problem.grid), start.weights)
+    return path_program.inputs(program.split(solve(program, matrix_objective_of(problem), first, stopping=_STOPPING).p)[0])

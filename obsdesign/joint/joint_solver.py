@@ -12,16 +12,16 @@ import numpy as np
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
-from obsdesign.design.initial_guesses import TURN, shortest_inputs, start_inputs
+from obsdesign.design.initial_guesses import TURN_RATE, shortest_inputs, start_inputs
 from obsdesign.design.multistart import design_trajectory
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.errors import InputError, SolveError
-from obsdesign.joint.alternation import Pair, Settled, Turns, certified, paired, settled
-from obsdesign.joint.joint_relaxation import promising, relaxations, rounded
-from obsdesign.joint.problem import Question
+from obsdesign.joint.alternation import AlternationResult, AlternationStart, Pair, alternate, certify, make_pair
+from obsdesign.joint.joint_relaxation import best_distinct, relaxations, round_relaxation
+from obsdesign.joint.problem import JointProblem
 from obsdesign.joint.result import Joint, OneSided
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.schedule import Schedule
@@ -65,14 +65,18 @@ def codesign(
     steps; UnobservableError, and SolveError where no path and schedule were found.
     """
     require_count("starts", starts)
-    question = Question(problem, segments, per_segment, tuple(rules), seed, rounds)
-    began = perf_counter()
+    joint_problem = JointProblem(problem, segments, per_segment, tuple(rules), seed, rounds)
+    start_time = perf_counter()
     apply: Callable[..., Any] = map if executor is None else executor.map
-    sides = _sides(question, starts, executor)
-    ends = list(apply(settled, [Turns(question, side.name, side.pair) for side in sides if side.pair is not None]))
-    further = list(apply(settled, promising(apply(rounded, relaxations(question, ends, starts))))) if ends else []
-    joint = _recorded(question, sides, ends, further)
-    joint = replace(joint, seconds=perf_counter() - began)
+    one_sided = _one_sided_answers(joint_problem, starts, executor)
+    results = list(
+        apply(alternate, [AlternationStart(joint_problem, answer.name, answer.pair) for answer in one_sided if answer.pair is not None])
+    )
+    rounded_results = (
+        list(apply(alternate, best_distinct(apply(round_relaxation, relaxations(joint_problem, results, starts))))) if results else []
+    )
+    joint = _build_joint(joint_problem, one_sided, results, rounded_results)
+    joint = replace(joint, seconds=perf_counter() - start_time)
     if throw and not joint.status.has_answer:
         raise SolveError("codesign", joint.status, joint.design.reason)
     return joint
@@ -82,7 +86,7 @@ def codesign(
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
+class _OneSidedAnswer:
     """A one-sided answer, and the pair that it is; None without an answer."""
 
     name: str
@@ -98,44 +102,48 @@ class _Side:
         return OneSided(self.design, self.schedule, value, self.pair.objective)
 
 
-def _sides(question: Question, starts: int, executor: Executor | None) -> tuple[_Side, _Side]:
-    path = design_trajectory(question.problem, starts, question.seed, executor, throw=False)
-    plain, chosen = _on_baseline(question)
-    problem = question.with_schedule(chosen.chosen) if chosen.status.has_answer else question.problem
-    fitted = design_trajectory(problem, starts, question.seed, executor, throw=False)
-    schedule = chosen if path.trajectory is None else question.selected(path.trajectory, proven=True)
-    return _side(question, "path first", path, schedule, path.trajectory), _side(question, "sensors first", fitted, chosen, plain)
+def _one_sided_answers(joint_problem: JointProblem, starts: int, executor: Executor | None) -> tuple[_OneSidedAnswer, _OneSidedAnswer]:
+    path = design_trajectory(joint_problem.problem, starts, joint_problem.seed, executor, throw=False)
+    baseline, baseline_schedule = _baseline_schedule(joint_problem)
+    problem = joint_problem.with_schedule(baseline_schedule.chosen) if baseline_schedule.status.has_answer else joint_problem.problem
+    design = design_trajectory(problem, starts, joint_problem.seed, executor, throw=False)
+    schedule = baseline_schedule if path.trajectory is None else joint_problem.select_schedule(path.trajectory, proven=True)
+    return _one_sided(joint_problem, "path first", path, schedule, path.trajectory), _one_sided(
+        joint_problem, "sensors first", design, baseline_schedule, baseline
+    )
 
 
-def _side(question: Question, name: str, design: Design, schedule: Schedule, origin: Trajectory | None) -> _Side:
+def _one_sided(joint_problem: JointProblem, name: str, design: Design, schedule: Schedule, origin: Trajectory | None) -> _OneSidedAnswer:
     """origin: the path that the schedule was selected on."""
     path = design.trajectory
-    if path is None or origin is None or not schedule.status.has_answer or not question.allows(path, schedule.chosen):
-        return _Side(name, design, schedule, None)
-    return _Side(name, design, schedule, paired(question, design, path, schedule, question.penalty(origin, schedule)))
+    if path is None or origin is None or not schedule.status.has_answer or not joint_problem.allows(path, schedule.chosen):
+        return _OneSidedAnswer(name, design, schedule, None)
+    return _OneSidedAnswer(
+        name, design, schedule, make_pair(joint_problem, design, path, schedule, joint_problem.switching_penalty(origin, schedule))
+    )
 
 
-def _on_baseline(question: Question) -> tuple[Trajectory, Schedule]:
+def _baseline_schedule(joint_problem: JointProblem) -> tuple[Trajectory, Schedule]:
     """Return the path that one takes without thinking and the best schedule for it; another where that one meets a landmark."""
-    problem = question.problem
-    for u in _baselines(problem, question.seed):
+    problem = joint_problem.problem
+    for u in _baselines(problem, joint_problem.seed):
         path = simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
         try:
-            question.blocks(path)
+            joint_problem.blocks(path)
         except InputError:
             continue
-        return path, question.selected(path, proven=True)
+        return path, joint_problem.select_schedule(path, proven=True)
     raise AssertionError("there is always another start")
 
 
 def _baselines(problem: DesignProblem, seed: int) -> Iterator[np.ndarray]:
     """Inputs (N, m) of the shortest path, of the straight one, and of the other starts."""
     names, straight = problem.system.model.input_names, np.tile((problem.lower + problem.upper) / 2, (problem.steps, 1))
-    if TURN in names:
+    if TURN_RATE in names:
         shortest = shortest_inputs(problem)
         if shortest is not None:
             yield shortest
-        column = names.index(TURN)
+        column = names.index(TURN_RATE)
         straight[:, column] = np.clip(0.0, problem.lower[column], problem.upper[column])
     yield straight
     yield from (u for _, u in start_inputs(problem, seed))
@@ -144,28 +152,33 @@ def _baselines(problem: DesignProblem, seed: int) -> Iterator[np.ndarray]:
 # ---------------------------------------------------------------- the answer
 
 
-def _recorded(question: Question, sides: tuple[_Side, _Side], ends: Sequence[Settled], further: Sequence[Settled]) -> Joint:
-    first, second = (side.record for side in sides)
-    if not ends:
-        failed = sides[0] if not sides[0].design.status.has_answer else sides[1]
-        status = failed.schedule.status if failed.design.status.has_answer else failed.design.status
+def _build_joint(
+    joint_problem: JointProblem,
+    one_sided: tuple[_OneSidedAnswer, _OneSidedAnswer],
+    results: Sequence[AlternationResult],
+    rounded_results: Sequence[AlternationResult],
+) -> Joint:
+    first, second = (answer.record for answer in one_sided)
+    if not results:
+        unanswered = one_sided[0] if not one_sided[0].design.status.has_answer else one_sided[1]
+        status = unanswered.schedule.status if unanswered.design.status.has_answer else unanswered.design.status
         status = Status.NUMERICAL_ERROR if status.has_answer else status
-        return Joint(failed.design, failed.schedule, np.nan, np.nan, first, second, (), "", np.nan, status, 0.0)
-    best = certified(question, max((*ends, *further), key=lambda end: end.pair.objective))  # the first of equals
-    pair, alternated = best.pair, max(end.pair.objective for end in ends)
-    status = Status.LOCALLY_OPTIMAL if best.still else Status.GAP_OPEN
-    design = for_schedule(question, pair)
+        return Joint(unanswered.design, unanswered.schedule, np.nan, np.nan, first, second, (), "", np.nan, status, 0.0)
+    best = certify(joint_problem, max((*results, *rounded_results), key=lambda result: result.pair.objective))  # the first of equals
+    pair, alternated = best.pair, max(result.pair.objective for result in results)
+    status = Status.LOCALLY_OPTIMAL if best.is_stationary else Status.GAP_OPEN
+    design = design_for_schedule(joint_problem, pair)
     value = pair.schedule.value
     return Joint(design, pair.schedule, value, pair.objective, first, second, best.values, best.origin, alternated, status, 0.0)
 
 
-def for_schedule(question: Question, pair: Pair) -> Design:
+def design_for_schedule(joint_problem: JointProblem, pair: Pair) -> Design:
     """Return the design as one for the pair's schedule: the last turn may have found another than it was made for."""
-    problem, design = question.with_schedule(pair.schedule.chosen), pair.design
+    problem, design = joint_problem.with_schedule(pair.schedule.chosen), pair.design
     if design.problem == problem:
         return design
     value = problem.value(pair.path)
     low = np.linalg.eigvalsh(problem.matrix(pair.path))[:2]
     eigenvalues = (float(low[0]), float(low[-1]))
-    objective = value - question.price(pair.path)
+    objective = value - joint_problem.path_price(pair.path)
     return replace(design, problem=problem, value=value, objective=objective, eigenvalues=eigenvalues, cap=cap_of(problem))

@@ -15,13 +15,13 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
 from obsdesign.information.accumulation import segment_information
 from obsdesign.rules.abstract import AbstractRule, Segments
-from obsdesign.selection.schedule import Schedule, information_of
+from obsdesign.selection.schedule import Schedule, schedule_information
 from obsdesign.selection.solver import select_sensors
 from obsdesign.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
+class JointProblem:
     """max criterion(S (known + sum_ks s_ks W_ks(p)) S) over paths p of a problem and schedules s (K, S) that keep the rules.
 
     Of the states that the problem judges, the others being found as well.
@@ -40,8 +40,8 @@ class Question:
         if problem.shortest != problem.longest:
             raise InputError(f"codesign: the duration is ({problem.shortest:g}, {problem.longest:g}): must be one number of seconds")
         require_divisor("segments", self.segments, "steps", problem.steps)
-        require_count("per_segment", self.per_segment, most=len(problem.system.model.channels))
-        require_count("seed", self.seed, least=0)
+        require_count("per_segment", self.per_segment, maximum=len(problem.system.model.channels))
+        require_count("seed", self.seed, minimum=0)
         require_count("rounds", self.rounds)
         if problem.criterion.knowledge is not None:
             kind = type(problem.criterion).__name__
@@ -51,8 +51,8 @@ class Question:
     def _require_plain(self) -> None:
         """Raise InputError for what the selection of sensors does not know of."""
         problem = self.problem
-        given = {"floor": problem.floor, "robust": problem.robust, "weights": problem.weights is not None}
-        for name, value in given.items():
+        unsupported = {"floor": problem.floor, "robust": problem.robust, "weights": problem.weights is not None}
+        for name, value in unsupported.items():
             if value:
                 raise InputError(f"codesign: the problem has {name}, which a selection of sensors does not know of: must be left out")
 
@@ -64,40 +64,40 @@ class Question:
         """S W_ks S (K, S, n, n) along a path."""
         return self.problem.scaled(segment_information(self.problem.system, path, self.segments))
 
-    def selected(self, path: Trajectory, proven: bool = False) -> Schedule:
+    def select_schedule(self, path: Trajectory, proven: bool = False) -> Schedule:
         """Return the best schedule found for a path; proven: with branch and bound, which is for the answer, not for the way to it."""
         problem = self.problem
         options: dict[str, Any] = {"seed": self.seed, "throw": False, "method": "auto" if proven else "columns"}
-        options |= {"known": problem.scaled(np.asarray(problem.known)), "about": problem.judged_states.tolist()}
+        options |= {"known": problem.scaled(np.asarray(problem.known)), "about": problem.about_indices.tolist()}
         if not isinstance(self.problem.criterion, MinEigenvalue):
             options["criterion"] = self.problem.criterion
         if self.rules:
-            options |= {"rules": self.rules, "segments": self.seen_by_rules(path)}
+            options |= {"rules": self.rules, "segments": self.rule_segments(path)}
         return select_sensors(self.blocks(path), self.per_segment, **options)
 
-    def seen_by_rules(self, path: Trajectory) -> Segments:
+    def rule_segments(self, path: Trajectory) -> Segments:
         """Return what rules know of a path: names, times and places."""
         nodes = np.arange(self.segments + 1) * (path.steps // self.segments)
         model, tracks = self.problem.system.model, None
         if {"x", "y"} <= set(model.state_names):
-            where = path.x[:, list(self.problem.position)]
-            tracks = tuple(where[first : last + 1] for first, last in pairwise(nodes))
+            positions = path.x[:, list(self.problem.position)]
+            tracks = tuple(positions[first : last + 1] for first, last in pairwise(nodes))
         return Segments(model.sensor_names, self.segments, path.t[nodes], tracks)
 
     def allows(self, path: Trajectory, chosen: np.ndarray) -> bool:
         """Whether a schedule that keeps the rules on another path does so on this one: only where sensors work depends on that."""
-        segments = self.seen_by_rules(path)
-        known = (rule.terms(segments).available for rule in self.rules)
-        return all(available is None or not (chosen & ~available).any() for available in known)
+        segments = self.rule_segments(path)
+        availabilities = (rule.terms(segments).available for rule in self.rules)
+        return all(available is None or not (chosen & ~available).any() for available in availabilities)
 
-    def criterion(self, path: Trajectory, chosen: np.ndarray) -> float:
+    def criterion_value(self, path: Trajectory, chosen: np.ndarray) -> float:
         """Return the criterion of what is known and what a schedule sees along a path."""
-        return self.problem.rated(information_of(segment_information(self.problem.system, path, self.segments), chosen))
+        return self.problem.criterion_value(schedule_information(segment_information(self.problem.system, path, self.segments), chosen))
 
-    def penalty(self, path: Trajectory, schedule: Schedule) -> float:
+    def switching_penalty(self, path: Trajectory, schedule: Schedule) -> float:
         """Return what switching takes off the value of a schedule selected on that path; on any other path it is the same."""
-        return self.criterion(path, schedule.chosen) - schedule.value if self.rules else 0.0
+        return self.criterion_value(path, schedule.chosen) - schedule.value if self.rules else 0.0
 
-    def price(self, path: Trajectory) -> float:
+    def path_price(self, path: Trajectory) -> float:
         """Return the prices of a path."""
         return price_of(self.problem, path)

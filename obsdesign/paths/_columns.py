@@ -27,7 +27,7 @@ def columns(p: Any, grid: Grid) -> Any:  # noqa: ANN401  # symbolic or numerical
     return p.reshape(-1, m, order="F") if is_array(p) else ca.reshape(p, p.numel() // m, m)
 
 
-def beside(parts: list[Any]) -> Any:  # noqa: ANN401
+def stack_columns(parts: list[Any]) -> Any:  # noqa: ANN401
     """Return columns (N, 1) or (N,) next to each other, (N, m)."""
     import casadi as ca
     import numpy as np
@@ -35,14 +35,14 @@ def beside(parts: list[Any]) -> Any:  # noqa: ANN401
     return np.column_stack(parts) if is_array(parts[0]) else ca.horzcat(*parts)
 
 
-def mapped(matrix: np.ndarray, p: ca.SX, grid: Grid) -> ca.SX:
+def apply_matrix(matrix: np.ndarray, p: ca.SX, grid: Grid) -> ca.SX:
     """Return matrix (r, q / m) @ columns of p."""
     import casadi as ca
 
     return matrix @ columns(p, grid) if is_array(p) else ca.mtimes(ca.sparsify(ca.DM(matrix)), columns(p, grid))
 
 
-def repeated_bounds(count: int, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def repeat_bounds(count: int, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Return each input's bounds `count` times: the box of parameters that are inputs themselves."""
     import numpy as np
 
@@ -55,7 +55,7 @@ def require_at_most_steps(what: str, count: int, grid: Grid) -> None:
         raise InputError(f"{what} is {count}: must be at most the number of steps, {grid.steps}")
 
 
-def held(value: Any, grid: Grid) -> Any:  # noqa: ANN401
+def constant_input(value: Any, grid: Grid) -> Any:  # noqa: ANN401
     """Return a constant input (N,) or (N, 1)."""
     import casadi as ca
     import numpy as np
@@ -63,6 +63,6 @@ def held(value: Any, grid: Grid) -> Any:  # noqa: ANN401
     return ca.repmat(value, grid.steps, 1) if isinstance(value, ca.SX | ca.MX | ca.DM) else np.full(grid.steps, value)
 
 
-def like(p: Any, array: np.ndarray) -> Any:  # noqa: ANN401
+def as_kind_of(p: Any, array: np.ndarray) -> Any:  # noqa: ANN401
     """Return an array that does not depend on p as what p is: symbolic or numerical."""
     return array if is_array(p) else type(p)(array)

@@ -25,7 +25,7 @@ def softplus(z: Any) -> Any:  # noqa: ANN401  # symbolic or numerical
     return above * z + module.log1p(module.exp((1 - 2 * above) * z))
 
 
-def means(durations: Any, jumps: np.ndarray, tau: float, grid: Grid) -> Any:  # noqa: ANN401
+def switched_means(durations: Any, jumps: np.ndarray, tau: float, grid: Grid) -> Any:  # noqa: ANN401
     """Means (N,) over the steps of sum_i jumps_i S((t - s_i) / tau), s_i [s] the running sums of the durations, S(z) = 1 / (1 + exp(-z)).
 
     From a to b the mean of S((t - s) / tau) is tau / (b - a) (softplus((b - s) / tau) - softplus((a - s) / tau)).
@@ -44,11 +44,11 @@ def means(durations: Any, jumps: np.ndarray, tau: float, grid: Grid) -> Any:  # 
     return total
 
 
-def slopes(durations: np.ndarray, jumps: np.ndarray, tau: float, grid: Grid) -> np.ndarray:
+def mean_jacobian(durations: np.ndarray, jumps: np.ndarray, tau: float, grid: Grid) -> np.ndarray:
     """d means / d durations (N, switches): a duration moves all switches behind it."""
     import numpy as np
     from scipy.special import expit
 
     nodes = np.arange(grid.steps + 1) * grid.step
-    each = -jumps * np.diff(expit((nodes[:, None] - np.cumsum(durations)) / tau), axis=0) / grid.step
-    return np.cumsum(each[:, ::-1], axis=1)[:, ::-1]
+    per_switch = -jumps * np.diff(expit((nodes[:, None] - np.cumsum(durations)) / tau), axis=0) / grid.step
+    return np.cumsum(per_switch[:, ::-1], axis=1)[:, ::-1]

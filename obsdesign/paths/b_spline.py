@@ -41,10 +41,10 @@ class BSpline(AbstractPath):
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
         _columns.require_at_most_steps("points", self.points, grid)
-        return _columns.repeated_bounds(self.points, grid)
+        return _columns.repeat_bounds(self.points, grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
-        return _columns.mapped(self._means(grid), p, grid)
+        return _columns.apply_matrix(self._means(grid), p, grid)
 
     def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
         """The bounded least squares: min |M p - u|^2 with p in its box."""
@@ -52,12 +52,12 @@ class BSpline(AbstractPath):
         from scipy.optimize import lsq_linear
 
         M = self._means(grid)
-        held = [lower >= upper for lower, upper in zip(grid.lower, grid.upper, strict=True)]
-        found = [
+        is_fixed = [lower >= upper for lower, upper in zip(grid.lower, grid.upper, strict=True)]
+        control_points = [
             np.full(self.points, lower) if fixed else lsq_linear(M, column, (lower, upper), method="bvls").x
-            for column, lower, upper, fixed in zip(u.T, grid.lower, grid.upper, held, strict=True)
+            for column, lower, upper, fixed in zip(u.T, grid.lower, grid.upper, is_fixed, strict=True)
         ]
-        return np.clip(np.concatenate(found), *self.box(grid))
+        return np.clip(np.concatenate(control_points), *self.box(grid))
 
     def coarser(self) -> BSpline | None:
         fewer = max((self.points + 1) // 2, self.degree + 1)
@@ -69,7 +69,7 @@ class BSpline(AbstractPath):
 
         knots = _knots(self.points, self.degree) * grid.duration
         spans = (knots[self.degree + 1 : -1] - knots[1 : -self.degree - 1]) / self.degree
-        return _columns.mapped(np.diff(np.eye(self.points), axis=0) / spans[:, None], p, grid)
+        return _columns.apply_matrix(np.diff(np.eye(self.points), axis=0) / spans[:, None], p, grid)
 
     def _means(self, grid: Grid) -> np.ndarray:
         _columns.require_at_most_steps("points", self.points, grid)

@@ -54,16 +54,16 @@ class DubinsPath(AbstractPath):
 
         turn, switches = self._turn(grid), len(self.word) - 1
         values = self._values(grid)
-        rate = values[0] + _switches.means(p[:switches], np.diff(values), self.blend / 4, grid)
-        held = [_columns.held(p[switches + i], grid) for i in range(len(grid.names) - 1)]
-        return _columns.beside([*held[:turn], rate, *held[turn:]])
+        rate = values[0] + _switches.switched_means(p[:switches], np.diff(values), self.blend / 4, grid)
+        constants = [_columns.constant_input(p[switches + i], grid) for i in range(len(grid.names) - 1)]
+        return _columns.stack_columns([*constants[:turn], rate, *constants[turn:]])
 
     def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
         """Switches at the steps that are nearest in the least squares sense, then moved to where the squares are least."""
         import numpy as np
 
         turn = self._turn(grid)
-        durations = _switch_times.fitted(u[:, turn], self._values(grid), self.blend / 4, grid)
+        durations = _switch_times.fit_durations(u[:, turn], self._values(grid), self.blend / 4, grid)
         return np.clip(np.concatenate([durations, np.delete(u, turn, axis=1).mean(axis=0)]), *self.box(grid))
 
     def coarser(self) -> None:
@@ -79,7 +79,7 @@ class DubinsPath(AbstractPath):
 
         row = np.zeros((1, len(grid.names)))
         row[0, self._turn(grid)] = np.ptp(self._values(grid)) / self.blend
-        return _columns.like(p, row)
+        return _columns.as_kind_of(p, row)
 
     def _turn(self, grid: Grid) -> int:
         """Index of the turn rate among the inputs."""

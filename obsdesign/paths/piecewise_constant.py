@@ -34,7 +34,7 @@ class PiecewiseConstant(AbstractPath):
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
         _columns.require_at_most_steps("pieces", self.pieces, grid)
-        return _columns.repeated_bounds(self.pieces, grid)
+        return _columns.repeat_bounds(self.pieces, grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
         import numpy as np
@@ -55,7 +55,7 @@ class PiecewiseConstant(AbstractPath):
         import numpy as np
 
         lengths = self._lengths(grid) * grid.step
-        return _columns.mapped(np.diff(np.eye(self.pieces), axis=0) * (2 / (lengths[1:] + lengths[:-1]))[:, None], p, grid)
+        return _columns.apply_matrix(np.diff(np.eye(self.pieces), axis=0) * (2 / (lengths[1:] + lengths[:-1]))[:, None], p, grid)
 
     def _lengths(self, grid: Grid) -> np.ndarray:
         """Steps in each piece (pieces,)."""

@@ -12,15 +12,15 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.nlp.node_functions import nodes_of
+from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.estimation.validation import ARRIVES
+from obsdesign.estimation.validation import GATE_THRESHOLD
 from obsdesign.information.posterior import noise_factor
-from obsdesign.information.sample_information import sampled
+from obsdesign.information.sample_information import sampling_mask
 from obsdesign.planning.planner import ITERATIONS, Horizon, Plan, Planner
 from obsdesign.prior import Prior
 from obsdesign.status import Status
@@ -71,27 +71,27 @@ class Flight(AbstractDisplay):
 
 
 @dataclass(frozen=True, eq=False)
-class _World:
-    """What no pilot can change: the true start (n,), kicks (K, n), white noise of the samples (K, q), who samples (K, q)."""
+class _Realisation:
+    """What no pilot can change: the true start (n,), process_noise (K, n), white noise of the samples (K, q), who samples (K, q)."""
 
     start: np.ndarray
-    kicks: np.ndarray
-    noise: np.ndarray
-    due: np.ndarray
+    process_noise: np.ndarray
+    sample_noise: np.ndarray
+    is_sampled: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class _Scene:
+class _Simulation:
     """A problem, its prior, the filter, and the world."""
 
     problem: DesignProblem
     prior: Prior
     estimator: ExtendedKalmanFilter
-    world: _World
+    realisation: _Realisation
 
 
 # step, belief after its samples, covariance before them -> inputs (m,)
-_Pilot = Callable[[int, Belief, np.ndarray], np.ndarray]
+_Policy = Callable[[int, Belief, np.ndarray], np.ndarray]
 
 
 @validate_arguments
@@ -130,27 +130,27 @@ def fly(
     steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
     if steps is None:
         raise InputError(f"flight: duration is {duration!r}: must be a whole multiple of the step {problem.step:g} s")
-    require_count("seed", seed, least=0)
+    require_count("seed", seed, minimum=0)
     if deadline is not None:
         require_positive("deadline", deadline)
     planner = Planner(problem, every, horizon, iterations, seed=seed)
     n = problem.x0.size
     if prior.mean.size != n:
         raise InputError(f"prior has {prior.mean.size} states: the system has {n}")
-    factor = noise_factor(disturbance_psd, n, problem.step)
+    noise_root = noise_factor(disturbance_psd, n, problem.step)
     start = None if truth is None else as_state(problem.system, truth, "truth")
-    scene = _Scene(
+    simulation = _Simulation(
         problem,
         prior,
-        ExtendedKalmanFilter(problem.system, problem.step, factor @ factor.T, tolerance=problem.tolerance),
-        _world(problem, prior, start, factor, steps, seed),
+        ExtendedKalmanFilter(problem.system, problem.step, noise_root @ noise_root.T, tolerance=problem.tolerance),
+        _draw_realisation(problem, prior, start, noise_root, steps, seed),
     )
     plans: list[Plan] = []
-    middle = problem.grid.centre
-    straight = _flown(scene, lambda *_: middle)
-    flown = _flown(scene, _pilot(planner, round(every / problem.step), deadline, plans))
+    mid_range = problem.grid.centre
+    straight = _simulate_flight(simulation, lambda *_: mid_range)
+    flight = _simulate_flight(simulation, _planning_policy(planner, round(every / problem.step), deadline, plans))
     return replace(
-        flown,
+        flight,
         statuses=tuple(plan.status for plan in plans),
         feasible=tuple(plan.feasible for plan in plans),
         ages=tuple(plan.age for plan in plans),
@@ -165,82 +165,86 @@ def _is_positive(value: float) -> bool:
     return True
 
 
-def _world(problem: DesignProblem, prior: Prior, start: np.ndarray | None, factor: np.ndarray, steps: int, seed: int) -> _World:
+def _draw_realisation(
+    problem: DesignProblem, prior: Prior, start: np.ndarray | None, noise_root: np.ndarray, steps: int, seed: int
+) -> _Realisation:
     """Draw a world from the seed."""
     random, model = np.random.default_rng(seed), problem.system.model
-    drawn = prior.mean + np.linalg.cholesky(prior.covariance) @ random.standard_normal(prior.mean.size)
-    kicks = random.standard_normal((steps, factor.shape[1])) @ factor.T
+    random_start = prior.mean + np.linalg.cholesky(prior.covariance) @ random.standard_normal(prior.mean.size)
+    process_noise = random.standard_normal((steps, noise_root.shape[1])) @ noise_root.T
     noise = random.standard_normal((steps + 2, len(model.outputs)))
-    due = sampled(problem.system, steps, problem.step)[:, list(model.output_owner)]
-    return _World(drawn if start is None else start, kicks, _coloured(problem, noise, due), due)
+    is_sampled = sampling_mask(problem.system, steps, problem.step)[:, list(model.output_owner)]
+    return _Realisation(random_start if start is None else start, process_noise, _colour_noise(problem, noise, is_sampled), is_sampled)
 
 
-def _coloured(problem: DesignProblem, white: np.ndarray, due: np.ndarray) -> np.ndarray:
+def _colour_noise(problem: DesignProblem, white_noise: np.ndarray, is_sampled: np.ndarray) -> np.ndarray:
     """Return noise of the sensors' correlation, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j from sample to sample, and constant errors.
 
-    white (K+2, q): its first row is e before the first sample, its second the constant errors, in standard deviations.
+    white_noise (K+2, q): its first row is e before the first sample, its second the constant errors, in standard deviations.
     """
     model = problem.system.model
     noises = [model.channels[sensor].noise for sensor in model.output_owner]
     c, bias = (np.array([getattr(noise, name) for noise in noises]) for name in ("correlation", "bias"))
-    constant, white = bias * white[1], white @ model.instant_root.T if model.joint else white
-    error, found = white[0], np.empty((2, len(due), len(noises)))
-    for k, fresh in enumerate(white[2:]):
-        error = np.where(due[k], c * error + np.sqrt(1 - c**2) * fresh, error)
-        found[:, k] = error, constant
-    return found
+    constant, white_noise = bias * white_noise[1], white_noise @ model.correlation_root.T if model.joint else white_noise
+    error, errors = white_noise[0], np.empty((2, len(is_sampled), len(noises)))
+    for k, innovation in enumerate(white_noise[2:]):
+        error = np.where(is_sampled[k], c * error + np.sqrt(1 - c**2) * innovation, error)
+        errors[:, k] = error, constant
+    return errors
 
 
-def _pilot(planner: Planner, every: int, deadline: float | None, plans: list[Plan]) -> _Pilot:
-    def inputs(k: int, belief: Belief, before: np.ndarray) -> np.ndarray:
+def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan]) -> _Policy:
+    def inputs(k: int, belief: Belief, predicted: np.ndarray) -> np.ndarray:
         if k % every == 0:
-            information = np.linalg.inv(before)
+            information = np.linalg.inv(predicted)
             plans.append(planner.step(belief.mean[0], plans[-1] if plans else None, (information + information.T) / 2, deadline))
         return plans[-1].trajectory.u[min(k % every, plans[-1].trajectory.steps - 1)]
 
     return inputs
 
 
-def _flown(scene: _Scene, pilot: _Pilot) -> Flight:
+def _simulate_flight(simulation: _Simulation, policy: _Policy) -> Flight:
     """Fly what a pilot wants."""
-    system, step, world = scene.problem.system, scene.problem.step, scene.world
-    truth, belief = world.start, Belief(scene.prior.mean[None], scene.prior.covariance[None])
-    states, beliefs, flown = [truth], [], []
-    for k, kick in enumerate(world.kicks):
-        before = belief.covariance[0]
-        belief = _updated(scene, belief, truth, k)
+    system, step, realisation = simulation.problem.system, simulation.problem.step, simulation.realisation
+    truth, belief = realisation.start, Belief(simulation.prior.mean[None], simulation.prior.covariance[None])
+    states, beliefs, inputs = [truth], [], []
+    for k, noise in enumerate(realisation.process_noise):
+        predicted = belief.covariance[0]
+        belief = _measurement_update(simulation, belief, truth, k)
         beliefs.append(belief)
-        flown.append(pilot(k, belief, before))
-        substeps = int(substeps_needed(system, truth[None], flown[-1][None], step, None, scene.problem.tolerance)[0])
-        truth = states_from(system, truth[None], flown[-1][None], step, None, kick[None, None], substeps=substeps)[0, 1]
+        inputs.append(policy(k, belief, predicted))
+        substeps = int(substeps_needed(system, truth[None], inputs[-1][None], step, None, simulation.problem.tolerance)[0])
+        truth = states_from(system, truth[None], inputs[-1][None], step, None, noise[None, None], substeps=substeps)[0, 1]
         states.append(truth)
-        belief = scene.estimator.predict(belief, flown[-1])
+        belief = simulation.estimator.predict(belief, inputs[-1])
     beliefs.append(belief)
-    return _recorded(scene, np.array(states), beliefs, np.array(flown))
+    return _summarise(simulation, np.array(states), beliefs, np.array(inputs))
 
 
-def _updated(scene: _Scene, belief: Belief, truth: np.ndarray, k: int) -> Belief:
+def _measurement_update(simulation: _Simulation, belief: Belief, truth: np.ndarray, k: int) -> Belief:
     """Take in the samples at the k-th instant."""
-    seen = readings(scene.problem.system, truth[None, None])
-    coloured, constant = scene.world.noise[:, k]
-    y = seen.y[0] + seen.spread[0] * coloured + constant
-    return scene.estimator.update(belief, y, scene.world.due[k] & (seen.gate[0, 0] > ARRIVES))
+    reading = readings(simulation.problem.system, truth[None, None])
+    noise, constant = simulation.realisation.sample_noise[:, k]
+    y = reading.y[0] + reading.spread[0] * noise + constant
+    return simulation.estimator.update(belief, y, simulation.realisation.is_sampled[k] & (reading.gate[0, 0] > GATE_THRESHOLD))
 
 
-def _recorded(scene: _Scene, truth: np.ndarray, beliefs: list[Belief], u: np.ndarray) -> Flight:
-    model = scene.problem.system.model
-    mean, covariance = (np.array([getattr(each, name)[0] for each in beliefs]) for name in ("mean", "covariance"))
+def _summarise(simulation: _Simulation, truth: np.ndarray, beliefs: list[Belief], u: np.ndarray) -> Flight:
+    model = simulation.problem.system.model
+    mean, covariance = (np.array([getattr(belief, name)[0] for belief in beliefs]) for name in ("mean", "covariance"))
     errors = wrap_columns(mean - truth, np.array([state.is_angle for state in model.states]))
     nees = np.einsum("ki,ki->k", errors, np.linalg.solve(covariance, errors[..., None])[..., 0])
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    return Flight(np.arange(len(truth)) * scene.problem.step, truth, mean, std, u, nees, _margin(scene.problem, truth, u))
+    return Flight(np.arange(len(truth)) * simulation.problem.step, truth, mean, std, u, nees, _least_margin(simulation.problem, truth, u))
 
 
-def _margin(problem: DesignProblem, truth: np.ndarray, u: np.ndarray) -> float:
+def _least_margin(problem: DesignProblem, truth: np.ndarray, u: np.ndarray) -> float:
     """The least margin at the nodes of the truth, of limits that hold at all times."""
     always: tuple[AbstractConstraint, ...] = tuple(
-        each for each in problem.constraints if each.span.first == 0.0 and each.span.last is None and not each.span.anywhere
+        constraint
+        for constraint in problem.constraints
+        if constraint.span.first == 0.0 and constraint.span.last is None and not constraint.span.anywhere
     )
     if not always:
         return float("inf")
-    return float(nodes_of(problem.system.model, always).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))
+    return float(node_functions_of(problem.system.model, always).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))

@@ -10,45 +10,47 @@ from flint import arb
 Rows = list[list[arb]]
 
 
-def exponent(entries: Sequence[arb]) -> int:
+def max_exponent(entries: Sequence[arb]) -> int:
     """Return the least e with |entry| <= 2^e, as far as the entries exclude 0: balls around 0 are not blown up."""
     mantissa, exponent = max((entry.abs_lower() for entry in entries), default=arb(0)).man_exp()
     return int(exponent) + int(mantissa).bit_length()
 
 
-def scaled(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
+def scale_row(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
     """Return the row with entry j divided by 2^exponents[j], exactly."""
     return [entry * arb((1, -exponent)) for entry, exponent in zip(row, exponents, strict=True)]
 
 
-def cleared(rows: Rows, row: int, column: int) -> Rows:
+def clear_column(rows: Rows, row: int, column: int) -> Rows:
     """Return the rows with the pivot made 1 and the rest of its column exactly 0."""
     unit = [arb(1) if j == column else entry / rows[row][column] for j, entry in enumerate(rows[row])]
-    return [unit if i == row else other if other[column].is_zero() else _without(other, column, unit) for i, other in enumerate(rows)]
+    return [
+        unit if i == row else vector if vector[column].is_zero() else _subtract_row(vector, column, unit) for i, vector in enumerate(rows)
+    ]
 
 
-def _without(other: list[arb], column: int, unit: list[arb]) -> list[arb]:
-    factor = other[column]
-    return [arb(0) if j == column else entry - factor * unit[j] for j, entry in enumerate(other)]
+def _subtract_row(vector: list[arb], column: int, unit: list[arb]) -> list[arb]:
+    factor = vector[column]
+    return [arb(0) if j == column else entry - factor * unit[j] for j, entry in enumerate(vector)]
 
 
-def orthonormal(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
+def orthonormal_basis(vectors: Sequence[list[arb]], n: int) -> np.ndarray:
     """Return an orthonormal basis (n, d) of the span of d independent vectors (n,), each entry to double precision.
 
     An entry that is not told from 0 is 0.
     """
     basis: list[list[arb]] = []
-    for vector in _apart(vectors):
-        rest = vector
+    for vector in _separate(vectors):
+        remainder = vector
         for unit in basis:
-            share = _dot(unit, rest)
-            rest = [entry - share * other for entry, other in zip(rest, unit, strict=True)]
-        norm = _dot(rest, rest).sqrt()
-        basis.append([entry / norm for entry in rest])
+            component = _dot(unit, remainder)
+            remainder = [entry - component * unit_entry for entry, unit_entry in zip(remainder, unit, strict=True)]
+        norm = _dot(remainder, remainder).sqrt()
+        basis.append([entry / norm for entry in remainder])
     return np.array([[0.0 if 0 in vector[j] else float(vector[j]) for vector in basis] for j in range(n)]).reshape(n, len(vectors))
 
 
-def _apart(vectors: Sequence[list[arb]]) -> Rows:
+def _separate(vectors: Sequence[list[arb]]) -> Rows:
     """Return a basis of the same span in which each vector has an entry 1 where the others have 0.
 
     Vectors that are all but parallel, (1, 1e-100, 0) and (1, 0, 1e-100), are told apart by that; by inner products only at twice
@@ -57,8 +59,8 @@ def _apart(vectors: Sequence[list[arb]]) -> Rows:
     rows = list(vectors)
     for i in range(len(rows)):
         row = rows[i]
-        rows = cleared(rows, i, max(range(len(row)), key=lambda j: row[j].abs_lower()))
-        rows = [scaled(each, [exponent(each)] * len(each)) for each in rows]
+        rows = clear_column(rows, i, max(range(len(row)), key=lambda j: row[j].abs_lower()))
+        rows = [scale_row(vector, [max_exponent(vector)] * len(vector)) for vector in rows]
     return rows
 
 

@@ -19,13 +19,13 @@ from obsdesign.rank.graph import Arithmetic, NotExactError, require_short
 PRECISIONS = (256, 512, 1024, 2048, 4096)
 """Working precisions [bits], tried in turn."""
 
-CONFIRMING = 2048
+CONFIRMING_BITS = 2048
 """What counts as 0 must be so at this many bits: half of them reach below the smallest double."""
 
 Ball = arb | arb_series
 
 
-def lead(a: Ball) -> arb:
+def constant_term(a: Ball) -> arb:
     """Return the value at t = 0: what decides the branch of a function with pieces."""
     return a[0] if isinstance(a, arb_series) else a
 
@@ -35,36 +35,36 @@ def is_finite(a: Ball) -> bool:
     return all(entry.is_finite() for entry in a.coeffs()) if isinstance(a, arb_series) else a.is_finite()
 
 
-def _truth(yes: bool, no: bool) -> arb:
-    return arb(1) if yes else arb(0) if no else arb.nan()
+def _truth(is_true: bool, is_false: bool) -> arb:
+    return arb(1) if is_true else arb(0) if is_false else arb.nan()
 
 
-def _apart(a: Ball, b: Ball | int = 0) -> bool:
-    difference = lead(a) - (b if isinstance(b, int) else lead(b))
+def _differs(a: Ball, b: Ball | int = 0) -> bool:
+    difference = constant_term(a) - (b if isinstance(b, int) else constant_term(b))
     return difference < 0 or difference > 0
 
 
 def _less(a: Ball, b: Ball) -> bool:
-    return bool(lead(a) < lead(b))
+    return bool(constant_term(a) < constant_term(b))
 
 
 def _sign(a: Ball) -> arb:
-    value = lead(a)
+    value = constant_term(a)
     return arb(1) if value > 0 else arb(-1) if value < 0 else arb.nan()
 
 
 def _floor(a: Ball) -> arb:
-    value = lead(a)
+    value = constant_term(a)
     return arb.nan() if value.contains_integer() else value.floor()
 
 
-def _truncated(a: Ball) -> arb:
-    value = lead(a)
+def _truncate(a: Ball) -> arb:
+    value = constant_term(a)
     return arb(0) if abs(value) < 1 else _floor(value) if value > 0 else -_floor(-value)
 
 
 def _quotient(a: Ball, b: Ball) -> Ball:
-    return a / b if _apart(b) else arb.nan()
+    return a / b if _differs(b) else arb.nan()
 
 
 def _power(a: Ball, b: Ball) -> Ball:
@@ -73,7 +73,7 @@ def _power(a: Ball, b: Ball) -> Ball:
     whole = b.unique_fmpz() if isinstance(b, arb) else None
     if whole is not None:
         return _whole_power(a, int(whole))
-    return _exp(b * _log(a)) if lead(a) > 0 else arb.nan()
+    return _exp(b * _log(a)) if constant_term(a) > 0 else arb.nan()
 
 
 def _whole_power(a: Ball, exponent: int) -> Ball:
@@ -96,7 +96,7 @@ def _by_method(name: str) -> Callable[[Ball], Ball]:
             return scalar(a)
         if series is None:
             raise NotExactError(f"the function {name} cannot be evaluated on power series: write it with others")
-        return series(a) if scalar(lead(a)).is_finite() else arb.nan()
+        return series(a) if scalar(constant_term(a)).is_finite() else arb.nan()
 
     return function
 
@@ -106,7 +106,7 @@ _exp, _log, _sqrt = _by_method("exp"), _by_method("log"), _by_method("sqrt")
 
 def _inverse_error_function(a: arb_series) -> Ball:
     """Return y with y' = sqrt(pi) / 2 exp(y^2) a': every pass gives one more coefficient."""
-    start, y = lead(a).erfinv(), arb_series([lead(a).erfinv()])
+    start, y = constant_term(a).erfinv(), arb_series([constant_term(a).erfinv()])
     for _ in range(len(a.coeffs()) and flint.ctx.cap):
         rate = _exp(y * y) * a.derivative()
         if not isinstance(rate, arb_series):
@@ -115,13 +115,13 @@ def _inverse_error_function(a: arb_series) -> Ball:
     return y
 
 
-_SERIES_FORMS: Mapping[str, Callable[[arb_series], Ball]] = {
+_SERIES_FUNCTIONS: Mapping[str, Callable[[arb_series], Ball]] = {
     "expm1": lambda a: _exp(a) - 1,
     "log1p": lambda a: _log(1 + a),
     "sinh": lambda a: (_exp(a) - _exp(-a)) / 2,
     "cosh": lambda a: (_exp(a) + _exp(-a)) / 2,
     "tanh": lambda a: 1 - 2 / (_exp(2 * a) + 1),
-    "asinh": lambda a: lead(a).asinh() + _integral(a, _sqrt(1 + a * a)),
+    "asinh": lambda a: constant_term(a).asinh() + _integral(a, _sqrt(1 + a * a)),
     "acosh": lambda a: _log(a + _sqrt(a - 1) * _sqrt(a + 1)),
     "atanh": lambda a: (_log(1 + a) - _log(1 - a)) / 2,
     "erfinv": _inverse_error_function,
@@ -135,13 +135,13 @@ def _integral(a: arb_series, divisor: Ball) -> Ball:
 
 
 def _function(name: str) -> Callable[[Ball], Ball]:
-    by_method, form = _by_method(name), _SERIES_FORMS.get(name)
+    by_method, form = _by_method(name), _SERIES_FUNCTIONS.get(name)
     return (lambda a: form(a) if isinstance(a, arb_series) else by_method(a)) if form else by_method
 
 
 def _angle(a: Ball, b: Ball) -> Ball:
     """Return atan2(a, b)."""
-    start = arb.atan2(lead(a), lead(b)) if _apart(a) or _apart(b) else arb.nan()
+    start = arb.atan2(constant_term(a), constant_term(b)) if _differs(a) or _differs(b) else arb.nan()
     if isinstance(a, arb) and isinstance(b, arb):
         return start
     rise, run = (c if isinstance(c, arb_series) else arb_series([c]) for c in (a, b))
@@ -149,7 +149,7 @@ def _angle(a: Ball, b: Ball) -> Ball:
     return start + (rate.integral() if isinstance(rate, arb_series) else rate)
 
 
-_NAMES = (
+_FUNCTION_NAMES = (
     *("sqrt", "exp", "expm1", "log", "log1p", "erf", "erfinv", "sin", "cos", "tan"),
     *("asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
 )
@@ -165,7 +165,7 @@ OPERATIONS: Mapping[int, Callable[..., Ball]] = {
     ca.OP_TWICE: lambda a: a + a,
     ca.OP_POW: _power,
     ca.OP_CONSTPOW: _power,
-    **{getattr(ca, f"OP_{name.upper()}"): _function(name) for name in _NAMES},
+    **{getattr(ca, f"OP_{name.upper()}"): _function(name) for name in _FUNCTION_NAMES},
     ca.OP_ATAN2: _angle,
     ca.OP_HYPOT: lambda a, b: _sqrt(a * a + b * b),
     ca.OP_FABS: lambda a: a * _sign(a),
@@ -175,16 +175,16 @@ OPERATIONS: Mapping[int, Callable[..., Ball]] = {
     ca.OP_FMAX: lambda a, b: a if _less(b, a) else b if _less(a, b) else arb.nan(),
     ca.OP_FLOOR: _floor,
     ca.OP_CEIL: lambda a: -_floor(-a),
-    ca.OP_FMOD: lambda a, b: a - b * _truncated(_quotient(a, b)),
+    ca.OP_FMOD: lambda a, b: a - b * _truncate(_quotient(a, b)),
     ca.OP_REMAINDER: lambda a, b: a - b * _floor(_quotient(a, b) + arb(0.5)),
     ca.OP_LT: lambda a, b: _truth(_less(a, b), _less(b, a)),
     ca.OP_LE: lambda a, b: _truth(_less(a, b), _less(b, a)),
-    ca.OP_EQ: lambda a, b: _truth(False, _apart(a, b)),
-    ca.OP_NE: lambda a, b: _truth(_apart(a, b), False),
-    ca.OP_NOT: lambda a: _truth(a.is_zero(), _apart(a)),
-    ca.OP_AND: lambda a, b: _truth(_apart(a) and _apart(b), a.is_zero() or b.is_zero()),
-    ca.OP_OR: lambda a, b: _truth(_apart(a) or _apart(b), a.is_zero() and b.is_zero()),
-    ca.OP_IF_ELSE_ZERO: lambda a, b: arb(0) if a.is_zero() else b if _apart(a) else arb.nan(),
+    ca.OP_EQ: lambda a, b: _truth(False, _differs(a, b)),
+    ca.OP_NE: lambda a, b: _truth(_differs(a, b), False),
+    ca.OP_NOT: lambda a: _truth(a.is_zero(), _differs(a)),
+    ca.OP_AND: lambda a, b: _truth(_differs(a) and _differs(b), a.is_zero() or b.is_zero()),
+    ca.OP_OR: lambda a, b: _truth(_differs(a) or _differs(b), a.is_zero() and b.is_zero()),
+    ca.OP_IF_ELSE_ZERO: lambda a, b: arb(0) if a.is_zero() else b if _differs(a) else arb.nan(),
     ca.OP_PRINTME: lambda a, _: a,
 }
 # The two irrational numbers that CasADi writes into derivatives, of erf and erfinv.

@@ -14,43 +14,47 @@ from fractions import Fraction
 import casadi as ca
 
 from obsdesign.rank.balls import OPERATIONS, irrational_part
-from obsdesign.rank.exact_numbers import Meaning, cosine, negative, of_pi, sine
+from obsdesign.rank.exact_numbers import ExactNumber, cosine, negate, pi_times, sine
 from obsdesign.rank.graph import Ring, evaluate, instructions
 
 
 @dataclass(frozen=True, eq=False)
-class Symbolised:
+class SymbolisedExpression:
     """An expression whose constants but 0 and +-1 are symbols (k, 1) with exact values: differentiating rounds none.
 
-    read: the doubles that stood there, each with what it stands for.
+    readings: the doubles that stood there, each with what it stands for.
     """
 
     expression: ca.SX
     constants: ca.SX
-    values: tuple[Meaning, ...]
-    read: tuple[tuple[float, Meaning], ...]
+    values: tuple[ExactNumber, ...]
+    readings: tuple[tuple[float, ExactNumber], ...]
 
 
-def symbolise(x: ca.SX, expression: ca.SX, meaning: Callable[[float], Meaning], origin: Sequence[Fraction] | None = None) -> Symbolised:
+def symbolise(
+    x: ca.SX, expression: ca.SX, reading: Callable[[float], ExactNumber], origin: Sequence[Fraction] | None = None
+) -> SymbolisedExpression:
     """Return the dense expression of x (n, 1) with a symbol for every constant.
 
-    meaning: what a double stands for; origin (n,): x stands for x + origin pi, multiples of pi / 12.
+    reading: what a double stands for; origin (n,): x stands for x + origin pi, multiples of pi / 12.
     CasADi works on constants in double precision while it differentiates: x / 3 / 49 would get the gradient 0.00680...,
     and exact arithmetic would then prove a wrong rank.
     """
     steps = instructions(ca.Function("expression", [x], [ca.densify(expression)]))
-    table = _Table()
-    numbers = _Numbers(table, meaning)
-    every: Sequence[Fraction] = origin or [Fraction(0)] * x.numel()
-    states = [_Node(symbol, turns) for symbol, turns in zip(ca.vertsplit(x), every, strict=True)]
-    ring = Ring(numbers, {operation: _Operation(operation, table) for operation in OPERATIONS})
-    entries = [table.whole(node) for node in evaluate(steps, [states], ring)]
+    table = _SymbolTable()
+    numbers = _ConstantReader(table, reading)
+    origins: Sequence[Fraction] = origin or [Fraction(0)] * x.numel()
+    states = [_AngleNode(symbol, multiple_of_pi) for symbol, multiple_of_pi in zip(ca.vertsplit(x), origins, strict=True)]
+    ring = Ring(numbers, {operation: _AngleOperation(operation, table) for operation in OPERATIONS})
+    entries = [table.expression_of(node) for node in evaluate(steps, [states], ring)]
     symbols = ca.vertcat(ca.SX(0, 1), *table.symbols.values())
-    return Symbolised(ca.reshape(ca.vertcat(*entries), *expression.shape), symbols, tuple(table.symbols), tuple(sorted(table.read.items())))
+    return SymbolisedExpression(
+        ca.reshape(ca.vertcat(*entries), *expression.shape), symbols, tuple(table.symbols), tuple(sorted(table.readings.items()))
+    )
 
 
 @dataclass(frozen=True)
-class Node:
+class NodeOperation:
     """An operation on expressions: one more node of the graph."""
 
     operation: int
@@ -60,110 +64,110 @@ class Node:
 
 
 @dataclass(frozen=True, eq=False)
-class _Node:
+class _AngleNode:
     """The value expression + turns pi; turns is a multiple of 1/12, factor the number that it is, if it is one."""
 
     expression: ca.SX
-    turns: Fraction = Fraction(0)
+    multiple_of_pi: Fraction = Fraction(0)
     factor: Fraction | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class _Table:
+class _SymbolTable:
     """The symbols that stand for numbers, and what doubles stand for."""
 
-    symbols: dict[Meaning, ca.SX] = field(default_factory=dict[Meaning, ca.SX])
-    read: dict[float, Meaning] = field(default_factory=dict[float, Meaning])
+    symbols: dict[ExactNumber, ca.SX] = field(default_factory=dict[ExactNumber, ca.SX])
+    readings: dict[float, ExactNumber] = field(default_factory=dict[float, ExactNumber])
 
-    def symbol(self, number: Meaning) -> ca.SX:
+    def symbol(self, number: ExactNumber) -> ca.SX:
         """Return what stands for the number in an expression."""
         if number in (0, 1, -1):
             return ca.SX(float(number))
         return self.symbols.setdefault(number, ca.SX.sym(f"constant {len(self.symbols)}"))
 
-    def whole(self, node: _Node) -> ca.SX:
+    def expression_of(self, node: _AngleNode) -> ca.SX:
         """Return the node as an expression."""
-        return node.expression + self.symbol(of_pi(node.turns)) if node.turns else node.expression
+        return node.expression + self.symbol(pi_times(node.multiple_of_pi)) if node.multiple_of_pi else node.expression
 
 
 @dataclass(frozen=True)
-class _Numbers:
+class _ConstantReader:
     """What a constant of a graph becomes."""
 
-    table: _Table
-    meaning: Callable[[float], Meaning]
+    table: _SymbolTable
+    reading: Callable[[float], ExactNumber]
 
-    def __call__(self, value: float) -> _Node:
+    def __call__(self, value: float) -> _AngleNode:
         if not math.isfinite(value) or irrational_part(value):
-            return _Node(ca.SX(value))
-        number = self.table.read.setdefault(value, self.meaning(value))
+            return _AngleNode(ca.SX(value))
+        number = self.table.readings.setdefault(value, self.reading(value))
         if isinstance(number, Fraction):
-            return _Node(self.table.symbol(number), factor=number)
-        turns = number.turns
-        if turns is None:
-            return _Node(self.table.symbol(number))
-        twelfths = Fraction(math.floor(12 * turns), 12)
-        return _Node(self.table.symbol(of_pi(turns - twelfths)), twelfths)
+            return _AngleNode(self.table.symbol(number), factor=number)
+        multiple_of_pi = number.multiple_of_pi
+        if multiple_of_pi is None:
+            return _AngleNode(self.table.symbol(number))
+        twelfths = Fraction(math.floor(12 * multiple_of_pi), 12)
+        return _AngleNode(self.table.symbol(pi_times(multiple_of_pi - twelfths)), twelfths)
 
 
 @dataclass(frozen=True)
-class _Operation:
+class _AngleOperation:
     """An operation on nodes."""
 
     code: int
-    table: _Table
+    table: _SymbolTable
 
-    def __call__(self, a: _Node, b: _Node | None = None) -> _Node:
-        turned = b is not None and b.turns
-        form = _OF_ANGLES.get(self.code) if a.turns or turned else None
-        found = form(self.table, a, b or _Node(ca.SX(0))) if form else None
-        if found:
-            return found
-        first = self.table.whole(a)
+    def __call__(self, a: _AngleNode, b: _AngleNode | None = None) -> _AngleNode:
+        is_angle = b is not None and b.multiple_of_pi
+        angle_rule = _ANGLE_RULES.get(self.code) if a.multiple_of_pi or is_angle else None
+        node = angle_rule(self.table, a, b or _AngleNode(ca.SX(0))) if angle_rule else None
+        if node:
+            return node
+        first = self.table.expression_of(a)
         if b is None:
-            return _Node(ca.SX.unary(self.code, first))
-        return _Node(ca.SX.binary(self.code, first, self.table.whole(b)))
+            return _AngleNode(ca.SX.unary(self.code, first))
+        return _AngleNode(ca.SX.binary(self.code, first, self.table.expression_of(b)))
 
 
-def _product(a: _Node, b: _Node) -> _Node | None:
+def _product(a: _AngleNode, b: _AngleNode) -> _AngleNode | None:
     """Return an angle times a number where that is an angle again."""
     angle, number = (a, b) if b.factor is not None else (b, a)
-    if number.factor is None or (12 * number.factor * angle.turns).denominator != 1:
+    if number.factor is None or (12 * number.factor * angle.multiple_of_pi).denominator != 1:
         return None
-    return _Node(a.expression * b.expression, number.factor * angle.turns)
+    return _AngleNode(a.expression * b.expression, number.factor * angle.multiple_of_pi)
 
 
-def _quotient(a: _Node, b: _Node) -> _Node | None:
-    if not b.factor or (12 * a.turns / b.factor).denominator != 1:
+def _quotient(a: _AngleNode, b: _AngleNode) -> _AngleNode | None:
+    if not b.factor or (12 * a.multiple_of_pi / b.factor).denominator != 1:
         return None
-    return _Node(a.expression / b.expression, a.turns / b.factor)
+    return _AngleNode(a.expression / b.expression, a.multiple_of_pi / b.factor)
 
 
-def _sine(table: _Table, angle: _Node) -> ca.SX:
+def _sine(table: _SymbolTable, angle: _AngleNode) -> ca.SX:
     """sin(rest + a) = sin(rest) cos(a) + cos(rest) sin(a)."""
-    rest, twelfths = angle.expression, int(12 * angle.turns)
-    return ca.sin(rest) * table.symbol(cosine(twelfths)) + ca.cos(rest) * table.symbol(sine(twelfths))
+    remainder, twelfths = angle.expression, int(12 * angle.multiple_of_pi)
+    return ca.sin(remainder) * table.symbol(cosine(twelfths)) + ca.cos(remainder) * table.symbol(sine(twelfths))
 
 
-def _cosine(table: _Table, angle: _Node) -> ca.SX:
+def _cosine(table: _SymbolTable, angle: _AngleNode) -> ca.SX:
     """cos(rest + a) = cos(rest) cos(a) - sin(rest) sin(a)."""
-    rest, twelfths = angle.expression, int(12 * angle.turns)
-    return ca.cos(rest) * table.symbol(cosine(twelfths)) + ca.sin(rest) * table.symbol(negative(sine(twelfths)))
+    remainder, twelfths = angle.expression, int(12 * angle.multiple_of_pi)
+    return ca.cos(remainder) * table.symbol(cosine(twelfths)) + ca.sin(remainder) * table.symbol(negate(sine(twelfths)))
 
 
-def _tangent(table: _Table, angle: _Node) -> ca.SX:
-    return ca.tan(angle.expression) if angle.turns.denominator == 1 else _sine(table, angle) / _cosine(table, angle)
+def _tangent(table: _SymbolTable, angle: _AngleNode) -> ca.SX:
+    return ca.tan(angle.expression) if angle.multiple_of_pi.denominator == 1 else _sine(table, angle) / _cosine(table, angle)
 
 
-_OF_ANGLES: Mapping[int, Callable[[_Table, _Node, _Node], _Node | None]] = {
-    ca.OP_ADD: lambda _, a, b: _Node(a.expression + b.expression, a.turns + b.turns),
-    ca.OP_SUB: lambda _, a, b: _Node(a.expression - b.expression, a.turns - b.turns),
-    ca.OP_NEG: lambda _, a, __: _Node(-a.expression, -a.turns),
-    ca.OP_TWICE: lambda _, a, __: _Node(ca.SX.unary(ca.OP_TWICE, a.expression), 2 * a.turns),
+_ANGLE_RULES: Mapping[int, Callable[[_SymbolTable, _AngleNode, _AngleNode], _AngleNode | None]] = {
+    ca.OP_ADD: lambda _, a, b: _AngleNode(a.expression + b.expression, a.multiple_of_pi + b.multiple_of_pi),
+    ca.OP_SUB: lambda _, a, b: _AngleNode(a.expression - b.expression, a.multiple_of_pi - b.multiple_of_pi),
+    ca.OP_NEG: lambda _, a, __: _AngleNode(-a.expression, -a.multiple_of_pi),
+    ca.OP_TWICE: lambda _, a, __: _AngleNode(ca.SX.unary(ca.OP_TWICE, a.expression), 2 * a.multiple_of_pi),
     ca.OP_MUL: lambda _, a, b: _product(a, b),
     ca.OP_DIV: lambda _, a, b: _quotient(a, b),
-    ca.OP_SIN: lambda table, a, _: _Node(_sine(table, a)),
-    ca.OP_COS: lambda table, a, _: _Node(_cosine(table, a)),
-    ca.OP_TAN: lambda table, a, _: _Node(_tangent(table, a)),
+    ca.OP_SIN: lambda table, a, _: _AngleNode(_sine(table, a)),
+    ca.OP_COS: lambda table, a, _: _AngleNode(_cosine(table, a)),
+    ca.OP_TAN: lambda table, a, _: _AngleNode(_tangent(table, a)),
 }
 """What is done to angles that are known up to a multiple of pi / 12; None where the result is no such angle."""

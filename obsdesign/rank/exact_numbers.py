@@ -28,7 +28,7 @@ class Irrational:
         return self.rational, self.root_2, self.root_3, self.root_6, self.pi_multiple
 
     @property
-    def turns(self) -> Fraction | None:
+    def multiple_of_pi(self) -> Fraction | None:
         """The multiple of pi that the number is, if it is one."""
         return None if any(self.coefficients[:4]) else self.pi_multiple
 
@@ -36,8 +36,8 @@ class Irrational:
         with ctx.workprec(256):
             return float(self.ball())
 
-    def __add__(self, other: Irrational | Fraction | int) -> Fraction | Irrational:
-        return combination(*(a + b for a, b in zip(self.coefficients, _coefficients(other), strict=True)))
+    def __add__(self, addend: Irrational | Fraction | int) -> Fraction | Irrational:
+        return combination(*(a + b for a, b in zip(self.coefficients, _coefficients(addend), strict=True)))
 
     __radd__ = __add__
 
@@ -59,17 +59,17 @@ class Irrational:
         return sum((_residue(value) * root for value, root in zip(self.coefficients, roots, strict=True) if value), nmod(0, PRIME))
 
 
-Meaning = Fraction | Irrational
+ExactNumber = Fraction | Irrational
 Number = Fraction | int | arb | Irrational
 
 
 def combination(*coefficients: Fraction) -> Fraction | Irrational:
     """Return the number with these coefficients of 1, sqrt(2), sqrt(3), sqrt(6) and pi; what is left out is 0."""
-    every = (*(Fraction(value) for value in coefficients), *[Fraction(0)] * (5 - len(coefficients)))
-    return Irrational(*every) if any(every[1:]) else every[0]
+    all_coefficients = (*(Fraction(value) for value in coefficients), *[Fraction(0)] * (5 - len(coefficients)))
+    return Irrational(*all_coefficients) if any(all_coefficients[1:]) else all_coefficients[0]
 
 
-def of_pi(multiple: Fraction) -> Fraction | Irrational:
+def pi_times(multiple: Fraction) -> Fraction | Irrational:
     """Return multiple pi."""
     return combination(Fraction(0), Fraction(0), Fraction(0), Fraction(0), multiple)
 
@@ -103,14 +103,14 @@ def _coefficients(value: Irrational | Fraction | int) -> tuple[Fraction, ...]:
 def _term(value: Fraction, symbol: str) -> str:
     if not symbol:
         return str(value)
-    over = f" / {value.denominator}" if value.denominator != 1 else ""
-    ahead = {1: "", -1: "-"}.get(value.numerator, f"{value.numerator} ")
-    return f"{ahead}{symbol}{over}"
+    denominator = f" / {value.denominator}" if value.denominator != 1 else ""
+    numerator = {1: "", -1: "-"}.get(value.numerator, f"{value.numerator} ")
+    return f"{numerator}{symbol}{denominator}"
 
 
 # ---------------------------------------------------------------- sine and cosine
 
-_QUARTER = (
+_SINES = (
     combination(Fraction(0)),
     combination(Fraction(0), Fraction(-1, 4), Fraction(0), Fraction(1, 4)),
     Fraction(1, 2),
@@ -126,8 +126,8 @@ def sine(twelfths: int) -> Fraction | Irrational:
     """Return sin(twelfths pi / 12)."""
     k = twelfths % 24
     if k > 12:
-        return negative(sine(k - 12))
-    return _QUARTER[min(k, 12 - k)]
+        return negate(sine(k - 12))
+    return _SINES[min(k, 12 - k)]
 
 
 def cosine(twelfths: int) -> Fraction | Irrational:
@@ -135,6 +135,6 @@ def cosine(twelfths: int) -> Fraction | Irrational:
     return sine(twelfths + 6)
 
 
-def negative(value: Fraction | Irrational) -> Fraction | Irrational:
+def negate(value: Fraction | Irrational) -> Fraction | Irrational:
     """Return -value."""
-    return combination(*(-each for each in _coefficients(value)))
+    return combination(*(-coefficient for coefficient in _coefficients(value)))

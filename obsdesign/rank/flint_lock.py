@@ -9,21 +9,21 @@ from threading import RLock
 
 import flint
 
-_TURN = RLock()
+_LOCK = RLock()
 """Held by the thread that uses flint; it may take it again. A fork waits for it, so no child is born in the middle of a verdict."""
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(before=_TURN.acquire, after_in_parent=_TURN.release, after_in_child=_TURN.release)
+    os.register_at_fork(before=_LOCK.acquire, after_in_parent=_LOCK.release, after_in_child=_LOCK.release)
 
-_BITS, _TERMS = 53, 10
+_DEFAULT_BITS, _DEFAULT_TERMS = 53, 10
 """Flint's own settings."""
 
 
 @contextmanager
-def flint_alone() -> Iterator[None]:
+def exclusive_flint() -> Iterator[None]:
     """Have flint to oneself: other threads wait, its settings are its own at the start and restored at the end."""
-    with _TURN:
+    with _LOCK:
         bits, terms = flint.ctx.prec, flint.ctx.cap
-        flint.ctx.prec, flint.ctx.cap = _BITS, _TERMS
+        flint.ctx.prec, flint.ctx.cap = _DEFAULT_BITS, _DEFAULT_TERMS
         try:
             yield
         finally:

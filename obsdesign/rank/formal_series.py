@@ -13,7 +13,7 @@ import casadi as ca
 import flint
 from flint import nmod, nmod_poly
 
-from obsdesign.rank.symbols import PI, PRIME, ROOT_OF_PI, Symbols, as_whole, direction, odd
+from obsdesign.rank.symbols import PI, PRIME, ROOT_OF_PI, Symbols, as_small_integer, direction_symbol, odd_symbol
 
 Residue = nmod | nmod_poly
 _HALF = pow(2, -1, PRIME)
@@ -43,7 +43,7 @@ def as_series(a: Residue) -> nmod_poly:
     return a if isinstance(a, nmod_poly) else _constant(int(a))
 
 
-def _start(a: Residue) -> int:
+def _constant_term(a: Residue) -> int:
     return int(a[0]) if isinstance(a, nmod_poly) else int(a)
 
 
@@ -65,77 +65,77 @@ def _rate(a: Residue) -> nmod_poly:
     return as_series(a).derivative()
 
 
-def _over(a: Residue, divisor: Residue) -> nmod_poly:
+def _integral_quotient(a: Residue, divisor: Residue) -> nmod_poly:
     """Return int a' / divisor dt."""
     return _integral(quotient(_rate(a), divisor))
 
 
-def _rest(a: Residue) -> nmod_poly:
+def _without_constant(a: Residue) -> nmod_poly:
     """Return the series without its constant term."""
     a = as_series(a)
     return a - a[0]
 
 
-def _exp_of_rest(rest: nmod_poly) -> nmod_poly:
+def _exp_without_constant(series: nmod_poly) -> nmod_poly:
     """Return exp of a series without constant term, by Newton's method: z <- z (1 + rest - log z), twice as many terms each time."""
     z, terms, cap = _constant(1), 1, flint.ctx.cap
     while terms < cap:
         terms = min(2 * terms, cap)
         logarithm = z.derivative().mul_low(z.inverse_series_trunc(terms), terms).integral()
-        z = z.mul_low(1 + rest - logarithm, terms)
+        z = z.mul_low(1 + series - logarithm, terms)
     return z
 
 
-def _turn_of_rest(rest: nmod_poly) -> tuple[nmod_poly, nmod_poly]:
+def _cos_sin_without_constant(series: nmod_poly) -> tuple[nmod_poly, nmod_poly]:
     """Return (cos, sin) of a series without constant term, by Newton's method on the angle that is left."""
     c, s, terms, cap = _constant(1), _constant(0), 1, flint.ctx.cap
     while terms < cap:
         terms = min(2 * terms, cap)
         rate = c.mul_low(s.derivative(), terms) - s.mul_low(c.derivative(), terms)
         size = c.mul_low(c, terms) + s.mul_low(s, terms)
-        left = rest.truncate(terms) - rate.mul_low(size.inverse_series_trunc(terms), terms).integral().truncate(terms)
+        remainder = series.truncate(terms) - rate.mul_low(size.inverse_series_trunc(terms), terms).integral().truncate(terms)
         # the turn by what is left, to second order, back on the unit circle to the terms that count
-        c, s = c - s.mul_low(left, terms), s + c.mul_low(left, terms)
+        c, s = c - s.mul_low(remainder, terms), s + c.mul_low(remainder, terms)
         correction = (3 - c.mul_low(c, terms) - s.mul_low(s, terms)) * _HALF
         c, s = c.mul_low(correction, terms), s.mul_low(correction, terms)
     return c, s
 
 
 @dataclass(frozen=True)
-class Formal:
+class ResidueOperations:
     """Operations of a graph on residues and series of them, with the values that `symbols` gives."""
 
     symbols: Symbols
 
     def exp(self, a: Residue) -> Residue:
         """exp(a)."""
-        start = nmod(self.symbols.exp(_start(a)), PRIME)
-        return start if _is_constant(a) else _exp_of_rest(_rest(a)) * start
+        start = nmod(self.symbols.exp(_constant_term(a)), PRIME)
+        return start if _is_constant(a) else _exp_without_constant(_without_constant(a)) * start
 
     def log(self, a: Residue) -> Residue:
         """log(a)."""
-        start = nmod(self.symbols.log(_start(a)), PRIME)
-        return start if _is_constant(a) else start + _over(a, a)
+        start = nmod(self.symbols.log(_constant_term(a)), PRIME)
+        return start if _is_constant(a) else start + _integral_quotient(a, a)
 
     def sqrt(self, a: Residue) -> Residue:
         """a^(1/2)."""
-        start = nmod(self.symbols.sqrt(_start(a)), PRIME)
-        return start if _is_constant(a) else _exp_of_rest(_over(a, a) * _HALF) * start
+        start = nmod(self.symbols.sqrt(_constant_term(a)), PRIME)
+        return start if _is_constant(a) else _exp_without_constant(_integral_quotient(a, a) * _HALF) * start
 
     def power(self, a: Residue, b: Residue) -> Residue:
         """a^b; whole b need no symbol, and no a other than 0."""
-        whole = as_whole(_start(b)) if _is_constant(b) else None
-        if whole is not None:
-            return self.whole_power(a, whole)
-        start = nmod(self.symbols.power(_start(a), _start(b)), PRIME)
+        integer = as_small_integer(_constant_term(b)) if _is_constant(b) else None
+        if integer is not None:
+            return self.integer_power(a, integer)
+        start = nmod(self.symbols.power(_constant_term(a), _constant_term(b)), PRIME)
         if _is_constant(a) and _is_constant(b):
             return start
         a, b = (as_series(a), as_series(b))
-        rest = product(b, as_series(self.log(a)))
-        return _exp_of_rest(_rest(rest)) * start
+        logarithm = product(b, as_series(self.log(a)))
+        return _exp_without_constant(_without_constant(logarithm)) * start
 
     @staticmethod
-    def whole_power(a: Residue, exponent: int) -> Residue:
+    def integer_power(a: Residue, exponent: int) -> Residue:
         """a^k for whole k, 1 for k = 0."""
         if exponent < 0:
             a, exponent = inverse(a), -exponent
@@ -143,10 +143,10 @@ class Formal:
 
     def circle(self, a: Residue) -> tuple[Residue, Residue]:
         """(cos a, sin a)."""
-        c, s = (nmod(value, PRIME) for value in self.symbols.circle(_start(a)))
+        c, s = (nmod(value, PRIME) for value in self.symbols.circle(_constant_term(a)))
         if _is_constant(a):
             return c, s
-        d, t = _turn_of_rest(_rest(a))
+        d, t = _cos_sin_without_constant(_without_constant(a))
         return d * c - t * s, t * c + d * s
 
     def sin(self, a: Residue) -> Residue:
@@ -180,14 +180,14 @@ class Formal:
 
     def erf(self, a: Residue) -> Residue:
         """erf(a)' = 2 / pi^(1/2) exp(-a^2) a'."""
-        start = nmod(odd("erf", _start(a)), PRIME)
+        start = nmod(odd_symbol("erf", _constant_term(a)), PRIME)
         if _is_constant(a):
             return start
         return start + _integral(product(self.exp(-product(a, a)), _rate(a))) * (nmod(2, PRIME) / ROOT_OF_PI)
 
     def erfinv(self, a: Residue) -> Residue:
         """Y with y' = pi^(1/2) / 2 exp(y^2) a': every pass gives one more coefficient."""
-        start = odd("erfinv", _start(a))
+        start = odd_symbol("erfinv", _constant_term(a))
         if _is_constant(a):
             return nmod(start, PRIME)
         y = _constant(start)
@@ -201,28 +201,28 @@ class Formal:
 
     def angle(self, a: Residue, b: Residue) -> Residue:
         """atan2(a, b)."""
-        if _start(a) == _start(b) == 0:
+        if _constant_term(a) == _constant_term(b) == 0:
             raise ZeroDivisionError("the direction of nothing")
-        start = nmod(direction(_start(a), _start(b)), PRIME)
+        start = nmod(direction_symbol(_constant_term(a), _constant_term(b)), PRIME)
         if _is_constant(a) and _is_constant(b):
             return start
         a, b = (as_series(a), as_series(b))
-        turned = product(_rate(a), b) - product(a, _rate(b))
-        return start + _integral(quotient(turned, product(a, a) + product(b, b)))
+        cross_rate = product(_rate(a), b) - product(a, _rate(b))
+        return start + _integral(quotient(cross_rate, product(a, a) + product(b, b)))
 
-    def rooted(self, what: str, sign: int, offset: int) -> Callable[[Residue], Residue]:
+    def root_rate_function(self, what: str, sign: int, offset: int) -> Callable[[Residue], Residue]:
         """Return the odd function with derivative a' / (sign a^2 + offset)^(1/2)."""
-        return self._by_rate(what, lambda a: self.sqrt(product(a, a) * sign + offset))
+        return self._odd_function(what, lambda a: self.sqrt(product(a, a) * sign + offset))
 
-    def rational(self, what: str, sign: int) -> Callable[[Residue], Residue]:
+    def rational_rate_function(self, what: str, sign: int) -> Callable[[Residue], Residue]:
         """Return the odd function with derivative a' / (1 + sign a^2)."""
-        return self._by_rate(what, lambda a: 1 + product(a, a) * sign)
+        return self._odd_function(what, lambda a: 1 + product(a, a) * sign)
 
     @staticmethod
-    def _by_rate(what: str, divisor: Callable[[Residue], Residue]) -> Callable[[Residue], Residue]:
+    def _odd_function(what: str, divisor: Callable[[Residue], Residue]) -> Callable[[Residue], Residue]:
         def function(a: Residue) -> Residue:
-            start, size = nmod(odd(what, _start(a)), PRIME), divisor(a)  # raises where there is no smooth value
-            return start if _is_constant(a) else start + _over(a, size)
+            start, size = nmod(odd_symbol(what, _constant_term(a)), PRIME), divisor(a)  # raises where there is no smooth value
+            return start if _is_constant(a) else start + _integral_quotient(a, size)
 
         return function
 
@@ -232,7 +232,7 @@ class Formal:
 
     def operations(self) -> Mapping[int, Callable[..., Residue]]:
         """Return what each operation of a graph does; those with pieces are not among them."""
-        asin = self.rooted("asin", -1, 1)
+        asin = self.root_rate_function("asin", -1, 1)
         return {
             ca.OP_ADD: lambda a, b: a + b,
             ca.OP_SUB: lambda a, b: a - b,
@@ -256,13 +256,13 @@ class Formal:
             ca.OP_TAN: self.tan,
             ca.OP_ASIN: asin,
             ca.OP_ACOS: lambda a: PI * _HALF - asin(a),
-            ca.OP_ATAN: self.rational("atan", 1),
+            ca.OP_ATAN: self.rational_rate_function("atan", 1),
             ca.OP_SINH: self.sinh,
             ca.OP_COSH: self.cosh,
             ca.OP_TANH: self.tanh,
-            ca.OP_ASINH: self.rooted("asinh", 1, 1),
+            ca.OP_ASINH: self.root_rate_function("asinh", 1, 1),
             ca.OP_ACOSH: self.acosh,
-            ca.OP_ATANH: self.rational("atanh", -1),
+            ca.OP_ATANH: self.rational_rate_function("atanh", -1),
             ca.OP_ATAN2: self.angle,
             ca.OP_HYPOT: self.hypot,
             ca.OP_PRINTME: lambda a, _: a,

@@ -10,13 +10,13 @@ import casadi as ca
 import flint
 from flint import arb
 
-from obsdesign.rank.balls import BALLS, OPERATIONS, PRECISIONS, lead
-from obsdesign.rank.exact_constants import Node
+from obsdesign.rank.balls import BALLS, OPERATIONS, PRECISIONS, constant_term
+from obsdesign.rank.exact_constants import NodeOperation
 from obsdesign.rank.exact_numbers import Number, as_ball
 from obsdesign.rank.graph import NoValueError, Ring, evaluate, instructions
 
 
-class _Both(NamedTuple):
+class _ValuedNode(NamedTuple):
     """An expression and its value."""
 
     value: arb
@@ -29,53 +29,53 @@ def smooth_near(function: ca.Function, symbols: Sequence[ca.SX], point: Sequence
     symbols, point: a column and its numbers for every argument. Raises NoValueError where the point lies on the border of pieces.
     """
     steps = instructions(function)
-    values: list[_Both] = []
+    values: list[_ValuedNode] = []
     for bits in PRECISIONS:
         with flint.ctx.workprec(bits):
             pairs = [
-                [_Both(as_ball(number), symbol) for number, symbol in zip(numbers, ca.vertsplit(column), strict=True)]
+                [_ValuedNode(as_ball(number), symbol) for number, symbol in zip(numbers, ca.vertsplit(column), strict=True)]
                 for numbers, column in zip(point, symbols, strict=True)
             ]
-            values = evaluate(steps, pairs, Ring(lambda number: _Both(BALLS.constant(number), ca.SX(number)), _operations()))
-        if all(each.value.is_finite() for each in values):
-            return ca.vertcat(*(each.node for each in values))
-    row = next(i for i, each in enumerate(values) if not each.value.is_finite())
+            values = evaluate(steps, pairs, Ring(lambda number: _ValuedNode(BALLS.constant(number), ca.SX(number)), _operations()))
+        if all(entry.value.is_finite() for entry in values):
+            return ca.vertcat(*(entry.node for entry in values))
+    row = next(i for i, entry in enumerate(values) if not entry.value.is_finite())
     raise NoValueError(row, f"row {row}")
 
 
-def _operations() -> Mapping[int, Callable[..., _Both]]:
-    return {operation: _Smooth(operation) for operation in OPERATIONS}
+def _operations() -> Mapping[int, Callable[..., _ValuedNode]]:
+    return {operation: _SmoothOperation(operation) for operation in OPERATIONS}
 
 
 @dataclass(frozen=True)
-class _Smooth:
+class _SmoothOperation:
     """An operation on expressions, replaced by what it is where its arguments have their values."""
 
     operation: int
 
-    def __call__(self, *arguments: _Both) -> _Both:
-        value = lead(OPERATIONS[self.operation](*(argument.value for argument in arguments)))
-        return _Both(value, self._node(value, arguments) if value.is_finite() else ca.SX.nan())
+    def __call__(self, *arguments: _ValuedNode) -> _ValuedNode:
+        value = constant_term(OPERATIONS[self.operation](*(argument.value for argument in arguments)))
+        return _ValuedNode(value, self._node(value, arguments) if value.is_finite() else ca.SX.nan())
 
-    def _node(self, value: arb, arguments: Sequence[_Both]) -> ca.SX:
+    def _node(self, value: arb, arguments: Sequence[_ValuedNode]) -> ca.SX:
         if self.operation in _CONSTANT:
             return ca.SX(float(value.mid()))
         if self.operation in _FORMS:
             return _FORMS[self.operation](*arguments)
-        return Node(self.operation)(*(argument.node for argument in arguments))
+        return NodeOperation(self.operation)(*(argument.node for argument in arguments))
 
 
-def _sign(a: _Both) -> int:
+def _sign(a: _ValuedNode) -> int:
     return 1 if a.value > 0 else -1
 
 
-def _fmod(a: _Both, b: _Both) -> ca.SX:
+def _fmod(a: _ValuedNode, b: _ValuedNode) -> ca.SX:
     quotient = a.value / b.value
-    whole = quotient.floor() if quotient > 0 else -((-quotient).floor())
-    return a.node - b.node * float(whole.mid())
+    truncated = quotient.floor() if quotient > 0 else -((-quotient).floor())
+    return a.node - b.node * float(truncated.mid())
 
 
-def _remainder(a: _Both, b: _Both) -> ca.SX:
+def _remainder(a: _ValuedNode, b: _ValuedNode) -> ca.SX:
     return a.node - b.node * float((a.value / b.value + arb(0.5)).floor().mid())
 
 

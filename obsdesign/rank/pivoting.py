@@ -11,49 +11,52 @@ from flint import arb, arb_mat
 Rows = list[list[arb]]
 Pivots = list[tuple[int, int]]
 
-_NOTHING = 1e-40  # of rows scaled to 1: about half of the 77 digits that the least precision, 256 bits, has; less is no pivot
+_ZERO_PIVOT = 1e-40  # of rows scaled to 1: about half of the 77 digits that the least precision, 256 bits, has; less is no pivot
 
 
 @dataclass(frozen=True)
-class Scales:
+class RowColumnScales:
     """Powers of 2 by which rows and columns are divided."""
 
     rows: tuple[int, ...]
     columns: tuple[int, ...]
 
-    def of(self, rows: Rows) -> Rows:
+    def apply(self, rows: Rows) -> Rows:
         """Return the rows scaled."""
         exponents = zip(rows, self.rows, strict=True)
-        return [_halved(row, [width + exponent for width in self.columns]) for row, exponent in exponents]
+        return [_scale_row(row, [column_exponent + exponent for column_exponent in self.columns]) for row, exponent in exponents]
 
     def of_rows(self, rows: Rows) -> Rows:
         """Return rows of combinations of columns, divided as the rows are."""
-        return [_halved(row, [exponent] * len(row)) for row, exponent in zip(rows, self.rows, strict=True)]
+        return [_scale_row(row, [exponent] * len(row)) for row, exponent in zip(rows, self.rows, strict=True)]
 
     def of_directions(self, directions: Rows) -> Rows:
         """Return what multiplies columns as they are, from what multiplies scaled ones."""
-        return [_halved(row, [width] * len(row)) for row, width in zip(directions, self.columns, strict=True)]
+        return [_scale_row(row, [width] * len(row)) for row, width in zip(directions, self.columns, strict=True)]
 
 
-def scales_of(within: Rows) -> Scales:
+def scales_of(rows_as_balls: Rows) -> RowColumnScales:
     """Return what makes the largest entry of each row and column 1; an entry that is all rounding counts as no more than 1e-12."""
-    rows = [[max(abs(entry.mid()), entry.rad() * 2**40) for entry in row] for row in within]
-    heights = [_exponent(row) for row in rows]
-    widths = [_exponent([_halved([row[j]], [height])[0] for row, height in zip(rows, heights, strict=True)]) for j in range(len(rows[0]))]
-    return Scales(tuple(heights), tuple(widths))
+    rows = [[max(abs(entry.mid()), entry.rad() * 2**40) for entry in row] for row in rows_as_balls]
+    row_exponents = [_exponent(row) for row in rows]
+    column_exponents = [
+        _exponent([_scale_row([row[j]], [row_exponent])[0] for row, row_exponent in zip(rows, row_exponents, strict=True)])
+        for j in range(len(rows[0]))
+    ]
+    return RowColumnScales(tuple(row_exponents), tuple(column_exponents))
 
 
-def pivots_of(rows: Rows, first: int) -> list[tuple[float, tuple[int, int]]]:
+def pivots_of(rows: Rows, n_first: int) -> list[tuple[float, tuple[int, int]]]:
     """Return size, row and column of the pivots of full pivoting, those of the first columns first."""
     pivots: list[tuple[float, tuple[int, int]]] = []
-    for columns in (range(first), range(first, len(rows[0]))):
+    for columns in (range(n_first), range(n_first, len(rows[0]))):
         while True:
-            used, taken = {i for _, (i, _) in pivots}, {j for _, (_, j) in pivots}
-            free = [(abs(rows[i][j]), i, j) for i in range(len(rows)) if i not in used for j in columns if j not in taken]
-            size, i, j = max(free, default=(arb(0), 0, 0))
-            if not free or size < _NOTHING:
+            used_rows, used_columns = {i for _, (i, _) in pivots}, {j for _, (_, j) in pivots}
+            candidates = [(abs(rows[i][j]), i, j) for i in range(len(rows)) if i not in used_rows for j in columns if j not in used_columns]
+            size, i, j = max(candidates, default=(arb(0), 0, 0))
+            if not candidates or size < _ZERO_PIVOT:
                 break
-            rows = _cleared(rows, i, j, used)
+            rows = _clear_column(rows, i, j, used_rows)
             pivots.append((float(size), (i, j)))
     return pivots
 
@@ -126,7 +129,7 @@ def holds_rank(rows: Rows, rank: int) -> bool:
         return True
     if rank > min(len(rows), len(rows[0])):
         return False
-    values = np.array([[float(entry.mid()) for entry in row] for row in scales_of(rows).of(rows)])
+    values = np.array([[float(entry.mid()) for entry in row] for row in scales_of(rows).apply(rows)])
     if not np.isfinite(values).all():
         return False
     columns = _leading_columns(values, rank)
@@ -145,15 +148,17 @@ def _leading_columns(values: np.ndarray, count: int) -> list[int]:
     return [int(j) for j in qr(values, mode="r", pivoting=True)[-1][:count]]
 
 
-def _cleared(rows: Rows, i: int, j: int, used: set[int]) -> Rows:
+def _clear_column(rows: Rows, i: int, j: int, used_rows: set[int]) -> Rows:
     """Return the rows with the column of the pivot cleared in the rows that have none."""
     pivot = rows[i]
-    cleared = []
+    result = []
     for k, row in enumerate(rows):
         factor = row[j] / pivot[j]
-        skip = k == i or k in used or not factor
-        cleared.append(row if skip else [(entry - factor * other).mid() for entry, other in zip(row, pivot, strict=True)])
-    return cleared
+        is_unchanged = k == i or k in used_rows or not factor
+        result.append(
+            row if is_unchanged else [(entry - factor * pivot_entry).mid() for entry, pivot_entry in zip(row, pivot, strict=True)]
+        )
+    return result
 
 
 def _exponent(entries: Sequence[arb]) -> int:
@@ -161,5 +166,5 @@ def _exponent(entries: Sequence[arb]) -> int:
     return int(exponent) + int(mantissa).bit_length()
 
 
-def _halved(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
+def _scale_row(row: Sequence[arb], exponents: Sequence[int]) -> list[arb]:
     return [entry * arb((1, -exponent)) for entry, exponent in zip(row, exponents, strict=True)]

@@ -9,9 +9,9 @@ import casadi as ca
 from flint import nmod, nmod_mat, nmod_poly
 
 from obsdesign.rank.balls import IRRATIONAL, irrational_part
-from obsdesign.rank.elimination import Bound
+from obsdesign.rank.elimination import RankBound
 from obsdesign.rank.exact_numbers import Number, as_residue
-from obsdesign.rank.formal_series import Formal
+from obsdesign.rank.formal_series import ResidueOperations
 from obsdesign.rank.graph import Arithmetic, evaluate, instructions, require_short
 from obsdesign.rank.symbols import PRIME, ROOT_OF_PI, Symbols
 
@@ -25,14 +25,14 @@ def _constant(value: float) -> nmod:
     return as_residue(Fraction(value))
 
 
-def residues(symbols: Symbols) -> Arithmetic:
+def modular_arithmetic(symbols: Symbols) -> Arithmetic:
     """Return the arithmetic in which functions that are not rational have the values of the symbols at t = 0.
 
     Numbers modulo the prime and polynomials in t over them, cut after `flint.ctx.cap` terms.
     """
     return Arithmetic(
         constant=_constant,
-        operations=Formal(symbols).operations(),
+        operations=ResidueOperations(symbols).operations(),
         number=as_residue,
         series=lambda coefficients: nmod_poly(list(coefficients), PRIME),
         coefficients=lambda a: a.coeffs() if isinstance(a, nmod_poly) else [a],
@@ -40,7 +40,7 @@ def residues(symbols: Symbols) -> Arithmetic:
     )
 
 
-RESIDUES = residues(Symbols())
+MODULAR_ARITHMETIC = modular_arithmetic(Symbols())
 """Residues with no relations among symbols but those that hold for one function."""
 
 
@@ -53,23 +53,25 @@ def independent_rows(rows: Sequence[Sequence[nmod]]) -> tuple[int, ...]:
     return tuple(next(j for j in range(len(rows)) if reduced[i, j] != 0) for i in range(rank))
 
 
-def bound_of(rows: Sequence[Sequence[nmod]], width: int, eliminated: int) -> Bound:
+def rank_bound(rows: Sequence[Sequence[nmod]], n_columns: int, n_eliminated: int) -> RankBound:
     """Return what the rank of rows (m, width) is beyond the eliminated columns, and which unit covectors are combinations of rows.
 
     In the reduced echelon form that is a column with a pivot whose row has no other entry.
     """
-    n = width - eliminated
+    n = n_columns - n_eliminated
     if not rows:
-        return Bound(0, 0, (False,) * n)
-    reduced, rank = nmod_mat(len(rows), width, [entry for row in rows for entry in row], PRIME).rref()
+        return RankBound(0, 0, (False,) * n)
+    reduced, rank = nmod_mat(len(rows), n_columns, [entry for row in rows for entry in row], PRIME).rref()
     echelon = reduced.tolist()[:rank]
-    pivots = [next(j for j in range(width) if row[j] != 0) for row in echelon]
-    alone = {pivot for row, pivot in zip(echelon, pivots, strict=True) if all(row[j] == 0 for j in range(pivot + 1, width))}
-    entered = sum(pivot < eliminated for pivot in pivots)
-    return Bound(rank - entered, entered, tuple(eliminated + j in alone for j in range(n)))
+    pivots = [next(j for j in range(n_columns) if row[j] != 0) for row in echelon]
+    unit_columns = {pivot for row, pivot in zip(echelon, pivots, strict=True) if all(row[j] == 0 for j in range(pivot + 1, n_columns))}
+    rank_eliminated = sum(pivot < n_eliminated for pivot in pivots)
+    return RankBound(rank - rank_eliminated, rank_eliminated, tuple(n_eliminated + j in unit_columns for j in range(n)))
 
 
-def values_modulo(function: ca.Function, arguments: Sequence[Sequence[Number]], arithmetic: Arithmetic = RESIDUES) -> list[list[nmod]]:
+def values_modulo(
+    function: ca.Function, arguments: Sequence[Sequence[Number]], arithmetic: Arithmetic = MODULAR_ARITHMETIC
+) -> list[list[nmod]]:
     """Return the matrix (m, n) modulo the prime; raises ZeroDivisionError at a pole."""
     shape = function.sparsity_out(0)
     rows = [[nmod(0, PRIME)] * shape.size2() for _ in range(shape.size1())]

@@ -50,15 +50,15 @@ class Flow:
         """All instructions."""
         return tuple(step for _, steps in self.graphs.values() for step in steps)
 
-    def solution(self, arithmetic: Arithmetic, arguments: Arguments, orders: int) -> list[Series]:
+    def solution(self, arithmetic: Arithmetic, arguments: FlowArguments, orders: int) -> list[Series]:
         """Return the coefficients t^0..t^orders of x (n,): x(0) + int rate dt, one order more with every pass."""
         states = [[value] for value in arguments.x]
-        for known in range(1, orders + 1):
-            rates = self._series("rate", arithmetic, arguments, states, known)
-            states = [[start, *(rate[k] / (k + 1) for k in range(known))] for start, rate in zip(arguments.x, rates, strict=True)]
+        for n_known in range(1, orders + 1):
+            rates = self._series("rate", arithmetic, arguments, states, n_known)
+            states = [[start, *(rate[k] / (k + 1) for k in range(n_known))] for start, rate in zip(arguments.x, rates, strict=True)]
         return states
 
-    def sensitivities(self, arithmetic: Arithmetic, arguments: Arguments, orders: int, along: arb_mat | None = None) -> tuple[Any, ...]:
+    def sensitivities(self, arithmetic: Arithmetic, arguments: FlowArguments, orders: int, along: arb_mat | None = None) -> tuple[Any, ...]:
         """Return, for k = 0..orders, the matrix (q, p * orders + n) of d y_k / d (w_0, ..., w_(orders-1), x(0)).
 
         along (p * orders + n, d): directions, where the derivatives along these are asked for, (q, d) each.
@@ -69,21 +69,21 @@ class Flow:
         states = self.solution(arithmetic, arguments, orders)
         A, B, C = (self._matrices(name, arithmetic, arguments, states, orders + 1) for name in ("A", "B", "C"))
         zero = arithmetic.number(0)
-        one = arithmetic.number(1)
-        width = p * orders + n
-        start = arithmetic.matrix(n, width, [one if j == p * orders + i else zero for i in range(n) for j in range(width)])
+        unit = arithmetic.number(1)
+        n_columns = p * orders + n
+        start = arithmetic.matrix(n, n_columns, [unit if j == p * orders + i else zero for i in range(n) for j in range(n_columns)])
         X = [start if along is None else start * along]
         for k in range(orders):
-            forced = [B[k - order][i, j] if order <= k else zero for i in range(n) for order in range(orders) for j in range(p)]
-            columns = [forced[i * p * orders : (i + 1) * p * orders] + [zero] * n for i in range(n)]
-            total = arithmetic.matrix(n, width, [entry for row in columns for entry in row])
+            input_terms = [B[k - order][i, j] if order <= k else zero for i in range(n) for order in range(orders) for j in range(p)]
+            columns = [input_terms[i * p * orders : (i + 1) * p * orders] + [zero] * n for i in range(n)]
+            total = arithmetic.matrix(n, n_columns, [entry for row in columns for entry in row])
             total = total if along is None else total * along
             for j in range(k + 1):
                 total = total + A[j] * X[k - j]
-            X.append(total * (one / (k + 1)))
+            X.append(total * (unit / (k + 1)))
         return tuple(sum((C[j] * X[k - j] for j in range(1, k + 1)), C[0] * X[k]) for k in range(orders + 1))
 
-    def responses(self, arithmetic: Arithmetic, arguments: Arguments, orders: int) -> tuple[Any, ...]:
+    def responses(self, arithmetic: Arithmetic, arguments: FlowArguments, orders: int) -> tuple[Any, ...]:
         """Return the same as `sensitivities`, with less work for many orders, modulo the prime: in balls it loses more to rounding.
 
         With Phi' = A Phi and Psi' = -Psi A, both I at t = 0, G = C Phi and H = Psi B, dy(t) = G(t) (dx(0) + int_0^t H(s) dw(s) ds): so
@@ -91,77 +91,79 @@ class Flow:
         """
         states = self.solution(arithmetic, arguments, orders)
         A, B, C = (self._matrices(name, arithmetic, arguments, states, orders + 1) for name in ("A", "B", "C"))
-        Phi = _integrated(arithmetic, orders, self.x.numel(), lambda j, X: A[j] * X)
+        Phi = _integrate(arithmetic, orders, self.x.numel(), lambda j, X: A[j] * X)
         G = [sum((C[j] * Phi[k - j] for j in range(1, k + 1)), C[0] * Phi[k]) for k in range(orders + 1)]
         if not self.w.numel() or not orders:
             return tuple(G)
-        Psi = _integrated(arithmetic, orders - 1, self.x.numel(), lambda j, X: -(X * A[j]))
+        Psi = _integrate(arithmetic, orders - 1, self.x.numel(), lambda j, X: -(X * A[j]))
         H = [sum((Psi[k - j] * B[j] for j in range(1, k + 1)), Psi[k] * B[0]) for k in range(orders)]
-        return _with_inputs(arithmetic, G, H)
+        return _input_responses(arithmetic, G, H)
 
-    def _series(self, name: str, arithmetic: Arithmetic, arguments: Arguments, states: list[Series], terms: int) -> list[Series]:
+    def _series(self, name: str, arithmetic: Arithmetic, arguments: FlowArguments, states: list[Series], n_terms: int) -> list[Series]:
         """Return the first coefficients of the nonzeros of a graph along the solution."""
-        before = flint.ctx.cap
-        flint.ctx.cap = terms
+        series_cap = flint.ctx.cap
+        flint.ctx.cap = n_terms
         try:
-            inputs = [[arithmetic.series(each[:terms]) for each in group] for group in (states, arguments.u, arguments.w)]
+            inputs = [[arithmetic.series(series[:n_terms]) for series in group] for group in (states, arguments.u, arguments.w)]
             values = evaluate(self.graphs[name][1], [*inputs, arguments.constants], arithmetic)
         finally:
-            flint.ctx.cap = before
+            flint.ctx.cap = series_cap
         zero = arithmetic.number(0)
-        return [([*arithmetic.coefficients(value), *[zero] * terms])[:terms] for value in values]
+        return [([*arithmetic.coefficients(value), *[zero] * n_terms])[:n_terms] for value in values]
 
-    def _matrices(self, name: str, arithmetic: Arithmetic, arguments: Arguments, states: list[Series], terms: int) -> list[Any]:
+    def _matrices(self, name: str, arithmetic: Arithmetic, arguments: FlowArguments, states: list[Series], n_terms: int) -> list[Any]:
         sparsity, _ = self.graphs[name]
         m, n = sparsity.shape
-        entries = [[arithmetic.number(0)] * (m * n) for _ in range(terms)]
-        for series, i, j in zip(self._series(name, arithmetic, arguments, states, terms), sparsity.row(), sparsity.get_col(), strict=True):
-            for k in range(terms):
+        entries = [[arithmetic.number(0)] * (m * n) for _ in range(n_terms)]
+        for series, i, j in zip(
+            self._series(name, arithmetic, arguments, states, n_terms), sparsity.row(), sparsity.get_col(), strict=True
+        ):
+            for k in range(n_terms):
                 entries[k][i * n + j] = series[k]
-        return [arithmetic.matrix(m, n, each) for each in entries]
+        return [arithmetic.matrix(m, n, matrix_entries) for matrix_entries in entries]
 
 
-def _integrated(arithmetic: Arithmetic, orders: int, n: int, product: Callable[[int, Any], Any]) -> list[Any]:
+def _integrate(arithmetic: Arithmetic, orders: int, n: int, product: Callable[[int, Any], Any]) -> list[Any]:
     """Return the coefficients t^0..t^orders of X (n, n) with X' = sum_j t^j product(j, X), X = I at t = 0."""
-    zero, one = arithmetic.number(0), arithmetic.number(1)
-    X = [arithmetic.matrix(n, n, [one if i == j else zero for i in range(n) for j in range(n)])]
+    zero, unit = arithmetic.number(0), arithmetic.number(1)
+    X = [arithmetic.matrix(n, n, [unit if i == j else zero for i in range(n) for j in range(n)])]
     for k in range(orders):
         total = product(0, X[k])
         for j in range(1, k + 1):
             total = total + product(j, X[k - j])
-        X.append(total * (one / (k + 1)))
+        X.append(total * (unit / (k + 1)))
     return X
 
 
-def _with_inputs(arithmetic: Arithmetic, G: list[Any], H: list[Any]) -> tuple[Any, ...]:
+def _input_responses(arithmetic: Arithmetic, G: list[Any], H: list[Any]) -> tuple[Any, ...]:
     """Return the matrices (q, p * orders + n) of d y_k / d (w_0, ..., w_(orders-1), x(0)) from G (q, n) and H (n, p).
 
     For each s = k - l - 1 and pair of output and input the sums over m are the coefficients of a product of two polynomials.
     """
     orders, q, n, p = len(H), G[0].nrows(), G[0].ncols(), H[0].ncols()
-    zero, one = arithmetic.number(0), arithmetic.number(1)
-    rows = [row for each in G for row in each.tolist()]
-    columns = [[entry for each in H for entry in each.tolist()[i]] for i in range(n)]
-    left = arithmetic.matrix(len(rows), n, [entry for row in rows for entry in row])
-    right = arithmetic.matrix(n, p * orders, [entry for row in columns for entry in row])
-    table = (left * right).tolist()  # (order of G, output), (order of H, input)
-    weights = arithmetic.series([one / m for m in range(1, orders + 1)])
-    found = [[[zero] * (p * orders) for _ in range(q)] for _ in range(orders + 1)]
+    zero, unit = arithmetic.number(0), arithmetic.number(1)
+    rows = [row for matrix in G for row in matrix.tolist()]
+    columns = [[entry for coefficient in H for entry in coefficient.tolist()[i]] for i in range(n)]
+    G_matrix = arithmetic.matrix(len(rows), n, [entry for row in rows for entry in row])
+    H_matrix = arithmetic.matrix(n, p * orders, [entry for row in columns for entry in row])
+    products = (G_matrix * H_matrix).tolist()  # (order of G, output), (order of H, input)
+    weights = arithmetic.series([unit / m for m in range(1, orders + 1)])
+    responses = [[[zero] * (p * orders) for _ in range(q)] for _ in range(orders + 1)]
     for s in range(orders):
         for i in range(q):
             for j in range(p):
-                terms = arithmetic.series([table[m * q + i][(s - m) * p + j] for m in range(s + 1)])  # the highest m first
+                terms = arithmetic.series([products[m * q + i][(s - m) * p + j] for m in range(s + 1)])  # the highest m first
                 sums = (terms * weights).coeffs()
                 for order, value in enumerate(sums[s:orders]):
-                    found[s + order + 1][i][order * p + j] = value
+                    responses[s + order + 1][i][order * p + j] = value
     return tuple(
-        arithmetic.matrix(q, p * orders + n, [entry for i in range(q) for entry in (*found[k][i], *rows[k * q + i])])
+        arithmetic.matrix(q, p * orders + n, [entry for i in range(q) for entry in (*responses[k][i], *rows[k * q + i])])
         for k in range(orders + 1)
     )
 
 
 @dataclass(frozen=True)
-class Arguments:
+class FlowArguments:
     """Where a flow is followed, in ring elements: x(0) (n,), the coefficients of each u and each w, the constants."""
 
     x: Sequence[Any]

@@ -8,13 +8,13 @@ from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures.clearance import clearances
 from obsdesign.report.figures.path import SIGMAS, ellipse_factor
 from obsdesign.report.names import gap_formula, path_in_words, schedule_criterion
-from obsdesign.report.number_format import NARROW, plain, rounded, with_unit
+from obsdesign.report.number_format import NARROW, numeral, plain, with_unit
 from obsdesign.study.record import Study
 
-MENTIONED = 0.15  # components of a direction smaller than this go without saying
+MIN_COMPONENT = 0.15  # components of a direction smaller than this go without saying
 
 
-def on_the_map(study: Study) -> str:
+def map_caption(study: Study) -> str:
     """Say what the map's colours and ellipses mean."""
     seconds, factor = plain(study.scenario.time.segment), ellipse_factor(study)
     size = f"enlarged {factor} times" if factor > 1 else "to scale"
@@ -25,27 +25,27 @@ def on_the_map(study: Study) -> str:
     )
 
 
-def on_the_spectrum(study: Study) -> str:
+def spectrum_caption(study: Study) -> str:
     """Say what the eigenvalues mean and how those that are 0 are drawn."""
-    zero = any(facts.cleaned(quality)[0] == 0 for candidate in study.candidates for quality in candidate.qualities)
+    zero = any(facts.clean_eigenvalues(quality)[0] == 0 for candidate in study.candidates for quality in candidate.qualities)
     tail = " A hollow dot is 0 to double precision, drawn at the floor: a combination of states that stays hidden." if zero else ""
     return f"The large dot of each path is what is known of the combination of states that is known least: higher is better.{tail}"
 
 
-def on_the_eigenvectors(study: Study) -> str:
+def eigenvectors_caption(study: Study) -> str:
     """Say how the panels are read, and what the first column of the baseline hides."""
     quality = study.candidate(study.baseline).qualities[-1]
-    parts = [study.scenario.state_names[i] for i in np.argsort(-np.abs(quality.weakest)) if abs(quality.weakest[i]) >= MENTIONED]
-    who = facts.sensors_in_words(study, quality.sensors)
-    known = "hidden from" if facts.cleaned(quality)[0] == 0 else "known least to"
+    parts = [study.scenario.state_names[i] for i in np.argsort(-np.abs(quality.weakest)) if abs(quality.weakest[i]) >= MIN_COMPONENT]
+    suite = facts.sensors_in_words(study, quality.sensors)
+    visibility = "hidden from" if facts.clean_eigenvalues(quality)[0] == 0 else "known least to"
     mixture = f"{parts[0]} alone" if len(parts) == 1 else f"{parts[0]} against {' and '.join(parts[1:])}"
     return (
         "Each column is a combination of scaled states, its squares adding up to 1, that is known as well as the number below it says. "
-        f"On {path_in_words(study.baseline)}, {mixture} is what is {known} {who}."
+        f"On {path_in_words(study.baseline)}, {mixture} is what is {visibility} {suite}."
     )
 
 
-def on_the_inputs(study: Study) -> str:
+def inputs_caption(study: Study) -> str:
     """Say what the input histories show."""
     if not study.designs:
         return "What is asked of the vehicle along each path."
@@ -53,22 +53,22 @@ def on_the_inputs(study: Study) -> str:
     return f"What is asked of the vehicle, {between} its dotted bounds; the straight path, inputs as near 0 as they allow, is left out."
 
 
-def on_the_clearance(study: Study) -> str:
+def clearance_caption(study: Study) -> str:
     """Say what keeps a path clear of the circle."""
     return (
         "√(f² + (T ḟ)²) with f the distance from the circle through the beacons and T the constraint's time scale: 0 is moving along the "
         "circle, on which bearings to the three cannot tell how far along it one is; the dotted line is the least that is allowed. "
-        f"On {path_in_words(study.baseline)} it is {_clearances(study)}."
+        f"On {path_in_words(study.baseline)} it is {_clearance_text(study)}."
     )
 
 
-def _clearances(study: Study) -> str:
+def _clearance_text(study: Study) -> str:
     low, ours = (min(values[0].min() for values in clearances(study, name)) for name in (study.baseline, study.about))
     low = 0.0 if low < 1e-9 else low
-    return f"{rounded(low)}{NARROW}m at least, on the designed path {rounded(ours)}{NARROW}m"
+    return f"{numeral(low)}{NARROW}m at least, on the designed path {numeral(ours)}{NARROW}m"
 
 
-def on_the_errors(study: Study) -> str:
+def errors_caption(study: Study) -> str:
     """Say what lines and shade are."""
     runs = study.checks[0].validation.runs
     return (
@@ -78,12 +78,12 @@ def on_the_errors(study: Study) -> str:
     )
 
 
-def on_the_consistency(study: Study) -> str:
+def consistency_caption(study: Study) -> str:
     """Say what the band is."""
     low, high = study.checks[0].validation.nees_interval
     n = len(study.scenario.state_names)
     return (
-        f"A filter that knows how well it does stays in the grey band, {rounded(low)} to {rounded(high)} about {n}, at 95{NARROW}% of the "
+        f"A filter that knows how well it does stays in the grey band, {numeral(low)} to {numeral(high)} about {n}, at 95{NARROW}% of the "
         "instants; above it the filter is overconfident."
     )
 

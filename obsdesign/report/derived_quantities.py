@@ -7,31 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.design.record import Cap
-from obsdesign.estimation.validation import SETTLED, active_steps
+from obsdesign.estimation.validation import SETTLING_SHARE, active_steps
 from obsdesign.information.posterior import posterior_information
 from obsdesign.round_off import standard_deviations
-from obsdesign.selection.schedule import information_of
+from obsdesign.selection.schedule import schedule_information
 from obsdesign.signals import Signal
-from obsdesign.study.record import CHOSEN, Analysis, Check, Quality, Study, every_step
+from obsdesign.study.record import CHOSEN, Analysis, FilterCheck, Quality, Study, schedule_at_steps
 
 
 @dataclass(frozen=True)
-class Change:
+class ErrorChange:
     """The final RMSE of one state: on the designed path with the chosen schedule, and on the baseline."""
 
     signal: Signal
-    ours: float
-    theirs: float
+    error: float
+    baseline_error: float
 
     @property
     def is_better(self) -> bool:
         """Whether the error is smaller by a fifth or more."""
-        return self.ours <= 0.8 * self.theirs
+        return self.error <= 0.8 * self.baseline_error
 
     @property
     def is_worse(self) -> bool:
         """Whether the error is larger by a fifth or more."""
-        return self.ours >= 1.2 * self.theirs
+        return self.error >= 1.2 * self.baseline_error
 
 
 def states_of(study: Study) -> tuple[Signal, ...]:
@@ -51,7 +51,7 @@ def numerical_zero(eigenvalues: np.ndarray) -> float:
     return float(len(eigenvalues) * np.finfo(float).eps * max(eigenvalues[-1], 0.0))
 
 
-def cleaned(quality: Quality) -> np.ndarray:
+def clean_eigenvalues(quality: Quality) -> np.ndarray:
     """Eigenvalues (n,), those that cannot be told from 0 set to 0."""
     values = quality.eigenvalues
     return np.where(values <= numerical_zero(values), 0.0, values)
@@ -59,17 +59,17 @@ def cleaned(quality: Quality) -> np.ndarray:
 
 def value_of(study: Study, quality: Quality) -> float:
     """Return the criterion, as if a smallest eigenvalue that is round-off were 0."""
-    if judged_by_eigenvalue(study):
+    if uses_smallest_eigenvalue(study):
         return quality.value if quality.value > numerical_zero(quality.eigenvalues) else 0.0
-    return quality.value if cleaned(quality)[0] > 0 or study.scenario.design.about else float("-inf")
+    return quality.value if clean_eigenvalues(quality)[0] > 0 or study.scenario.design.about else float("-inf")
 
 
-def judged_by_eigenvalue(study: Study) -> bool:
+def uses_smallest_eigenvalue(study: Study) -> bool:
     """Whether the criterion of the design is the smallest eigenvalue."""
     return study.scenario.design.criterion == "min_eigenvalue"
 
 
-def judges_all(study: Study) -> bool:
+def is_about_all_states(study: Study) -> bool:
     """Whether the criterion is about every state, so that a smallest eigenvalue of S W S is what it counts."""
     return not study.scenario.design.about
 
@@ -79,7 +79,7 @@ def segment_nodes(study: Study) -> np.ndarray:
     return study.main.path.t[study.main.nodes]
 
 
-def or_zero(study: Study, value: float) -> float:
+def zero_round_off(study: Study, value: float) -> float:
     """Return the value of a schedule, 0 for a smallest eigenvalue that cannot be told from 0."""
     if study.scenario.selection.criterion != "min_eigenvalue":
         return value
@@ -87,10 +87,10 @@ def or_zero(study: Study, value: float) -> float:
     return 0.0 if 0 < abs(value) <= 10 * numerical_zero(total) else value
 
 
-def mark(study: Study) -> str:
+def drawing_suffix(study: Study) -> str:
     """Return what tells the drawings of this path from those of the other given paths."""
-    place = [candidate.name for candidate in study.candidates].index(study.about)
-    return "" if study.designs or place == 0 else f"-{place + 1}"
+    index = [candidate.name for candidate in study.candidates].index(study.about)
+    return "" if study.designs or index == 0 else f"-{index + 1}"
 
 
 def cap_for(study: Study, sensors: tuple[str, ...]) -> Cap | None:
@@ -114,49 +114,49 @@ def segment_shares(study: Study) -> np.ndarray:
 def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
     scenario, path = study.scenario, study.main.path
-    active = active_steps(scenario.system, path, every_step(study.selection.schedule.chosen, study.main.nodes))
+    active = active_steps(scenario.system, path, schedule_at_steps(study.selection.schedule.chosen, study.main.nodes))
     J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
-    place = study.problem.position
-    return np.linalg.inv(J)[np.ix_(range(len(J)), place, place)]
+    columns = study.problem.position
+    return np.linalg.inv(J)[np.ix_(range(len(J)), columns, columns)]
 
 
-def hidden_under(study: Study, check: Check) -> tuple[str, ...]:
+def hidden_states(study: Study, check: FilterCheck) -> tuple[str, ...]:
     """Names of the states that the samples of a schedule along a path do not determine, without prior."""
     candidate = study.candidate(check.path)
     exact = candidate.information.samples is not None
-    std = standard_deviations(candidate.under(check.chosen) if exact else information_of(candidate.blocks, check.chosen))
+    std = standard_deviations(candidate.information_under(check.chosen) if exact else schedule_information(candidate.blocks, check.chosen))
     return tuple(name for name, deviation in zip(study.scenario.state_names, std, strict=True) if np.isinf(deviation))
 
 
-def sensors_on(study: Study, chosen: np.ndarray) -> dict[str, float]:
+def on_times(study: Study, chosen: np.ndarray) -> dict[str, float]:
     """Seconds for which a schedule (K, S) has each sensor on, longest first, those never on left out."""
     seconds = np.diff(segment_nodes(study)) @ chosen
     order = np.argsort(-seconds, kind="stable")
     return {study.scenario.sensor_names[i]: float(seconds[i]) for i in order if seconds[i] > 0}
 
 
-def final_changes(study: Study) -> tuple[Change, ...]:
+def final_changes(study: Study) -> tuple[ErrorChange, ...]:
     """Compare the final RMSE per state on the designed path, chosen schedule, with the baseline's."""
     ours, theirs = study.check(study.about, CHOSEN).validation.rmse[-1], baseline(study).validation.rmse[-1]
-    return tuple(Change(signal, float(a), float(b)) for signal, a, b in zip(states_of(study), ours, theirs, strict=True))
+    return tuple(ErrorChange(signal, float(a), float(b)) for signal, a, b in zip(states_of(study), ours, theirs, strict=True))
 
 
-def baseline(study: Study) -> Check:
+def baseline(study: Study) -> FilterCheck:
     """The filter runs on the path that one would take without thinking, with the naive schedule."""
     return next(check for check in study.checks if check.path == study.baseline and check.schedule != CHOSEN)
 
 
-def settled_after(study: Study) -> float:
+def settling_time(study: Study) -> float:
     """Time [s] after which consistency is judged."""
-    return SETTLED * study.main.duration
+    return SETTLING_SHARE * study.main.duration
 
 
-def peak(check: Check) -> tuple[float, float]:
+def nees_peak(check: FilterCheck) -> tuple[float, float]:
     """Return (highest NEES, when [s])."""
     worst = int(np.argmax(check.validation.nees))
     return float(check.validation.nees[worst]), float(check.validation.t[worst])
 
 
-def incomplete(study: Study, sensors: tuple[str, ...]) -> tuple[Analysis, ...]:
+def unobservable_analyses(study: Study, sensors: tuple[str, ...]) -> tuple[Analysis, ...]:
     """The manoeuvres in which a suite does not see the whole state."""
-    return tuple(each for each in study.analyses if set(each.sensors) == set(sensors) and not each.verdict.observable)
+    return tuple(analysis for analysis in study.analyses if set(analysis.sensors) == set(sensors) and not analysis.verdict.observable)

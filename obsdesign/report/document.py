@@ -12,19 +12,19 @@ from obsdesign.report.expectations import Expectation
 SCHEMA_VERSION = "1.4"
 
 
-def _finite(value: Any) -> Any:  # noqa: ANN401
+def _null_if_infinite(value: Any) -> Any:  # noqa: ANN401
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 # JSON has no NaN and no infinity: both are null, and each field says what null means
-Number = Annotated[float | None, BeforeValidator(_finite)]
+Number = Annotated[float | None, BeforeValidator(_null_if_infinite)]
 
 
-class _Part(BaseModel):
+class _DocumentPart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class ScenarioPart(_Part):
+class ScenarioPart(_DocumentPart):
     """Which scenario this is the result of."""
 
     title: str
@@ -35,7 +35,7 @@ class ScenarioPart(_Part):
     sensors: list[str]
 
 
-class VerdictPart(_Part):
+class VerdictPart(_DocumentPart):
     """What a suite of sensors sees in a manoeuvre, at the start state."""
 
     dimension: int = Field(description="of the observable space")
@@ -50,7 +50,7 @@ class VerdictPart(_Part):
     proof: str
 
 
-class QualityPart(_Part):
+class QualityPart(_DocumentPart):
     """How well a suite of sensors sees the start state along a path, without a prior."""
 
     value: Number = Field(description="criterion of S W S, S = prior standard deviations; null: minus infinity")
@@ -58,7 +58,7 @@ class QualityPart(_Part):
     std: list[Number] = Field(description="Cramer-Rao standard deviation per state in its unit; null: hidden")
 
 
-class ContributionPart(_Part):
+class ContributionPart(_DocumentPart):
     """Who says what is known of one component of the start state."""
 
     std: Number = Field(description="Cramer-Rao standard deviation in the state's unit; null: hidden")
@@ -66,7 +66,7 @@ class ContributionPart(_Part):
     in_words: str
 
 
-class ShortfallPart(_Part):
+class ViolationPart(_DocumentPart):
     """A limit that a path breaks."""
 
     what: str
@@ -75,17 +75,17 @@ class ShortfallPart(_Part):
     unit: str
 
 
-class PathPart(_Part):
+class PathPart(_DocumentPart):
     """A path and its quality for each suite of sensors."""
 
     feasible: bool = Field(description="whether it satisfies every limit of the design")
-    shortfalls: list[ShortfallPart] = Field(description="the limits that it breaks, worst first")
+    shortfalls: list[ViolationPart] = Field(description="the limits that it breaks, worst first")
     duration: float = Field(description="[s]")
     quality: dict[str, QualityPart]
     contributions: dict[str, ContributionPart] = Field(description="by state; all sensors on")
 
 
-class StartPart(_Part):
+class StartPart(_DocumentPart):
     """One start of the solver."""
 
     name: str
@@ -96,7 +96,7 @@ class StartPart(_Part):
     refined: bool = Field(description="false: left in a coarser family, as another start was better there")
 
 
-class CapPart(_Part):
+class CapPart(_DocumentPart):
     """An upper bound on the value of every path."""
 
     value: float
@@ -104,14 +104,14 @@ class CapPart(_Part):
     reached: bool
 
 
-class OptimumPart(_Part):
+class OptimumPart(_DocumentPart):
     """A local optimum and the starts that came to it."""
 
     value: float = Field(description="the objective")
     starts: list[str]
 
 
-class RobustnessPart(_Part):
+class RobustnessPart(_DocumentPart):
     """The criterion over fresh draws of the prior, the same inputs for all."""
 
     draws: int
@@ -120,7 +120,7 @@ class RobustnessPart(_Part):
     mean: float
 
 
-class EvidencePart(_Part):
+class EvidencePart(_DocumentPart):
     """How much better another path might be: evidence, not proof."""
 
     estimate: Number = Field(description="no path above it was met in `climbs` climbs along the dual question")
@@ -130,7 +130,7 @@ class EvidencePart(_Part):
     in_words: str
 
 
-class DesignPart(_Part):
+class DesignPart(_DocumentPart):
     """The path designed for a suite of sensors."""
 
     status: str
@@ -147,7 +147,7 @@ class DesignPart(_Part):
     starts: list[StartPart]
 
 
-class LossPart(_Part):
+class LossPart(_DocumentPart):
     """A sensor is lost."""
 
     kept: Number = Field(description="value of the schedule without it; null: too little is seen for the criterion")
@@ -155,7 +155,7 @@ class LossPart(_Part):
     bound: Number = Field(description="no schedule of the others is better than this")
 
 
-class ParetoPart(_Part):
+class ParetoPart(_DocumentPart):
     """Information against what the energy budget counts: for each limit the best schedule found."""
 
     limits: list[float]
@@ -165,7 +165,7 @@ class ParetoPart(_Part):
     chosen: list[list[list[int]]] = Field(description="the schedules, (K, S) each")
 
 
-class SelectionPart(_Part):
+class SelectionPart(_DocumentPart):
     """The sensor schedule along a path."""
 
     criterion: str = Field(description="min_eigenvalue, log_det or trace_inverse of S W S, less what switching costs")
@@ -200,7 +200,7 @@ class SelectionPart(_Part):
     pareto: ParetoPart | None = Field(description="null: none was asked for")
 
 
-class PairPart(_Part):
+class PairPart(_DocumentPart):
     """A path and a schedule for each other."""
 
     value: Number = Field(description="criterion of what the schedule sees along the path, less what switching costs; null: no answer")
@@ -208,7 +208,7 @@ class PairPart(_Part):
     trajectory: dict[str, list[float]] = Field(description="by state, and t; empty: no answer")
 
 
-class JointPart(_Part):
+class JointPart(_DocumentPart):
     """Path and schedule chosen together, and one after the other."""
 
     status: str
@@ -220,7 +220,7 @@ class JointPart(_Part):
     gap: Number
 
 
-class ValidationPart(_Part):
+class ValidationPart(_DocumentPart):
     """Filter runs on one path with one schedule."""
 
     verdict: str = Field(description="consistent, overconfident or underconfident")
@@ -234,7 +234,7 @@ class ValidationPart(_Part):
     runs: int
 
 
-class PlanPart(_Part):
+class PlanPart(_DocumentPart):
     """A plan made on a flight."""
 
     status: str
@@ -243,7 +243,7 @@ class PlanPart(_Part):
     value: Number = Field(description="objective of the plan, what the filter knows included; null: not computed")
 
 
-class FlownPart(_Part):
+class FlightHistoryPart(_DocumentPart):
     """A flight with the filter in the loop; histories by state or input."""
 
     truth: dict[str, list[float]]
@@ -253,21 +253,21 @@ class FlownPart(_Part):
     nees: list[float]
     final_error: dict[str, float] = Field(description="|estimate - truth| at the end")
     final_std: dict[str, float]
-    shortfalls: list[ShortfallPart] = Field(description="limits that the true states broke, worst first")
+    shortfalls: list[ViolationPart] = Field(description="limits that the true states broke, worst first")
     margin: Number = Field(description="least margin of the limits along the true states, 1 = a tolerance or radius; null: no limits")
 
 
-class FlightPart(_Part):
+class FlightPart(_DocumentPart):
     """A flight that was planned anew on the way, and the same with all inputs in the middle of their ranges."""
 
     t: list[float]
-    flown: FlownPart
-    middle: FlownPart | None
+    flown: FlightHistoryPart
+    middle: FlightHistoryPart | None
     plans: list[PlanPart]
     feasible_plans: int
 
 
-class Result(_Part):
+class Result(_DocumentPart):
     """Everything a study found. The same scenario, seed and versions give the same bytes save for `timings`."""
 
     schema_version: str

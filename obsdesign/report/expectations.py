@@ -24,13 +24,13 @@ class Expectation(BaseModel):
     met: bool
 
 
-def expectations(expected: Sequence[Expected], result: Mapping[str, Any]) -> list[Expectation]:
+def check_expectations(expected: Sequence[Expected], result: Mapping[str, Any]) -> list[Expectation]:
     """Return each expected value with what the result holds under its key; a key that it does not have is not met."""
-    found = [(each, _found(each.key, result)) for each in expected]
-    return [Expectation(**each.model_dump(), found=value, met=_meets(each, value)) for each, value in found]
+    pairs = [(entry, _value_at(entry.key, result)) for entry in expected]
+    return [Expectation(**entry.model_dump(), found=value, met=_is_met(entry, value)) for entry, value in pairs]
 
 
-def _found(key: str, result: Any) -> Any:  # noqa: ANN401
+def _value_at(key: str, result: Any) -> Any:  # noqa: ANN401
     """The single value under a dotted key, or None."""
     value = result
     for part in key.split("."):
@@ -41,7 +41,7 @@ def _found(key: str, result: Any) -> Any:  # noqa: ANN401
     return None if isinstance(value, (Mapping, list, tuple)) else value
 
 
-def _meets(expected: Expected, found: Any) -> bool:  # noqa: ANN401
-    if isinstance(expected.value, (bool, str)) or isinstance(found, (bool, str)) or found is None:
-        return type(found) is type(expected.value) and found == expected.value
-    return math.isclose(found, expected.value, rel_tol=0, abs_tol=expected.tolerance) or found == expected.value
+def _is_met(expected: Expected, actual: Any) -> bool:  # noqa: ANN401
+    if isinstance(expected.value, (bool, str)) or isinstance(actual, (bool, str)) or actual is None:
+        return type(actual) is type(expected.value) and actual == expected.value
+    return math.isclose(actual, expected.value, rel_tol=0, abs_tol=expected.tolerance) or actual == expected.value

@@ -13,7 +13,7 @@ from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.report.derived_quantities import segment_nodes
 from obsdesign.report.document import Result
 from obsdesign.report.html import page_of
-from obsdesign.report.to_document import result_of
+from obsdesign.report.to_document import document_of
 from obsdesign.study.record import Study
 
 
@@ -29,7 +29,7 @@ def write_report(folder: str | Path, study: Study) -> Result:
     Raises InputError for a folder that cannot be written.
     """
     folder = Path(folder)
-    result = result_of(study)
+    result = document_of(study)
     contents = {
         "report.html": page_of(study),
         "result.json": as_json(result),

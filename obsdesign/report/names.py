@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.feasibility import Shortfall
-from obsdesign.report.number_format import NARROW, percent, readable, rounded
+from obsdesign.design.feasibility import Violation
+from obsdesign.report.number_format import NARROW, display_unit, numeral, percent
 from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
 from obsdesign.signals import Signal
 from obsdesign.study.record import Study
@@ -14,7 +14,7 @@ from obsdesign.study.record import Study
 CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
 
 # what a path does that breaks a limit, by the limit's name as messages call it
-_BREAKS = {
+_VIOLATION_TEXTS = {
     "Goal": "misses the goal",
     "GoalPose": "misses the goal pose",
     "GoalRegion": "misses the goal region",
@@ -30,7 +30,7 @@ _BREAKS = {
     "HeadingSector": "heads out of its sector",
     "Floor": "sees too little for a while, falling short",
 }
-_MANY = 3  # limits that are named
+_MAX_NAMED = 3  # limits that are named
 
 
 def path_in_words(name: str) -> str:
@@ -48,7 +48,7 @@ def schedule_criterion(study: Study, tex: bool = False) -> str:
 def gap_in_words(study: Study) -> str:
     """Return the gap of the schedule: a share of the bound, or a difference where those count."""
     gap = study.selection.schedule.gap
-    return percent(gap) if study.scenario.schedule_criterion.is_relative else rounded(gap)
+    return percent(gap) if study.scenario.schedule_criterion.is_relative else numeral(gap)
 
 
 def gap_formula(study: Study) -> str:
@@ -56,19 +56,19 @@ def gap_formula(study: Study) -> str:
     return "gap = (bound − value) / |bound|" if study.scenario.schedule_criterion.is_relative else "gap = bound − value"
 
 
-def shortfall_in_words(short: Shortfall) -> str:
+def violation_in_words(violation: Violation) -> str:
     """Return what is wrong with a path and by how much: misses the goal by 3.2 m."""
-    name = short.what.split(":")[0]
-    factor, unit = readable(Signal("", short.unit))
-    amount = f"{rounded(short.by * factor)}{NARROW}{unit}".rstrip(NARROW)
-    return f"{_BREAKS.get(name) or _exceeds(name)} by {amount}"
+    name = violation.what.split(":")[0]
+    factor, unit = display_unit(Signal("", violation.unit))
+    amount = f"{numeral(violation.by * factor)}{NARROW}{unit}".rstrip(NARROW)
+    return f"{_VIOLATION_TEXTS.get(name) or _exceeds(name)} by {amount}"
 
 
-def shortfalls_in_words(shortfalls: tuple[Shortfall, ...]) -> str:
+def violations_in_words(violations: tuple[Violation, ...]) -> str:
     """Return the worst few shortfalls in words, and how many there are beside them."""
-    words = list(dict.fromkeys(map(shortfall_in_words, shortfalls[:_MANY])))
-    more = len(shortfalls) - _MANY
-    return "; ".join([*words, *([f"{more} more"] if more > 0 else [])])
+    words = list(dict.fromkeys(map(violation_in_words, violations[:_MAX_NAMED])))
+    unnamed = len(violations) - _MAX_NAMED
+    return "; ".join([*words, *([f"{unnamed} more"] if unnamed > 0 else [])])
 
 
 def kind_of(constraint: AbstractConstraint) -> str:

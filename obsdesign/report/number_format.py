@@ -16,7 +16,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 
 
-def rounded(value: float, digits: int = 3) -> str:
+def numeral(value: float, digits: int = 3) -> str:
     """Return value to `digits` significant digits; a dash for NaN, powers of ten outside 1e-4 ... 1e9."""
     if not math.isfinite(value):
         return NOTHING if math.isnan(value) else f"{MINUS if value < 0 else ''}∞"
@@ -26,47 +26,47 @@ def rounded(value: float, digits: int = 3) -> str:
     exponent = int(power)
     if not -4 <= exponent < 9:
         return f"{mantissa} · 10{str(exponent).translate(_SUPERSCRIPT)}".replace("-", MINUS).replace(" ", NARROW)
-    return _grouped(float(f"{mantissa}e{power}"), max(digits - 1 - exponent, 0))
+    return _group_digits(float(f"{mantissa}e{power}"), max(digits - 1 - exponent, 0))
 
 
 def plain(value: float) -> str:
     """Return a value that someone chose (a duration, a radius) with all its digits."""
     whole = float(value).is_integer() and abs(value) < 1e9
-    return _grouped(value, 0) if whole else f"{value:g}".replace("-", MINUS)
+    return _group_digits(value, 0) if whole else f"{value:g}".replace("-", MINUS)
 
 
 def percent(share: float) -> str:
     """Return a share with its sign: 0.0389 as 3.89 %; a tiny one as below 0.001 %."""
     tiny = 0 < abs(share) < 1e-5
-    return f"{'<' + NARROW + '0.001' if tiny else rounded(100 * share)}{NARROW}%"
+    return f"{'<' + NARROW + '0.001' if tiny else numeral(100 * share)}{NARROW}%"
 
 
 def with_unit(value: float, signal: Signal) -> str:
     """Return a value of a signal with the unit people read it in."""
-    factor, unit = readable(signal)
-    return f"{rounded(value * factor)}{NARROW}{unit}".rstrip(NARROW)
+    factor, unit = display_unit(signal)
+    return f"{numeral(value * factor)}{NARROW}{unit}".rstrip(NARROW)
 
 
-def readable(signal: Signal) -> tuple[float, str]:
+def display_unit(signal: Signal) -> tuple[float, str]:
     """Return (factor, unit) in which people read a signal: degrees instead of radians."""
     return (180 / np.pi, _DEGREES[signal.unit]) if signal.unit in _DEGREES else (1.0, signal.unit)
 
 
-def polished(text: str) -> str:
+def typeset(text: str) -> str:
     """Return a sentence that others made, its powers of ten and minus signs set like the rest: 5.0e-01 as 0.500."""
-    text = re.sub(r"\d(?:\.\d+)?e[+-]\d+", lambda found: rounded(float(found[0])), text)
+    text = re.sub(r"\d(?:\.\d+)?e[+-]\d+", lambda match: numeral(float(match[0])), text)
     return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text)
 
 
-def label(signal: Signal) -> str:
+def signal_label(signal: Signal) -> str:
     """Return the name of a signal with the unit people read it in: heading [deg]."""
-    return f"{signal.name} [{readable(signal)[1] or NOTHING}]"
+    return f"{signal.name} [{display_unit(signal)[1] or NOTHING}]"
 
 
-def joined(parts: list[str] | tuple[str, ...], last: str = "and") -> str:
+def join(parts: list[str] | tuple[str, ...], last: str = "and") -> str:
     """Return a, b and c."""
     return f" {last} ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]]))
 
 
-def _grouped(value: float, decimals: int) -> str:
+def _group_digits(value: float, decimals: int) -> str:
     return f"{value:,.{decimals}f}".replace(",", NARROW).replace("-", MINUS)

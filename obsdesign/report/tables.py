@@ -11,12 +11,12 @@ from obsdesign.analysis.verdict import Verdict
 from obsdesign.estimation.validation import CONSISTENT_SHARE
 from obsdesign.information.contribution_shares import shortest_bulk
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import path_in_words, shortfalls_in_words
-from obsdesign.report.number_format import MINUS, NARROW, label, plain, polished, readable, rounded
+from obsdesign.report.names import path_in_words, violations_in_words
+from obsdesign.report.number_format import MINUS, NARROW, display_unit, numeral, plain, signal_label, typeset
 from obsdesign.report.sections.design import objective_name
 from obsdesign.report.wording import criterion_name
 from obsdesign.signals import Signal
-from obsdesign.study.record import Analysis, Candidate, Check, Quality, Study
+from obsdesign.study.record import Analysis, Candidate, FilterCheck, Quality, Study
 
 DASH = "–"
 Tone = Literal["", "good", "bad"]
@@ -47,11 +47,13 @@ class Table:
 
 def subsets_table(study: Study) -> Table:
     """Dimension of the observable space for every subset of the sensors and every manoeuvre, hidden directions as notes."""
-    found = {(each.sensors, each.manoeuvre): each.verdict for each in study.analyses}
-    subsets, manoeuvres = dict.fromkeys(key[0] for key in found), dict.fromkeys(key[1] for key in found)
-    hidden = tuple(dict.fromkeys(verdict.hidden for verdict in found.values() if not verdict.observable))
-    rows = tuple((Cell(" + ".join(subset)), *(_dimension(found[subset, each], hidden) for each in manoeuvres)) for subset in subsets)
-    notes = tuple(f"{_letter(i)}{NARROW}: {polished(text)}." for i, text in enumerate(hidden))
+    verdicts = {(analysis.sensors, analysis.manoeuvre): analysis.verdict for analysis in study.analyses}
+    subsets, manoeuvres = dict.fromkeys(key[0] for key in verdicts), dict.fromkeys(key[1] for key in verdicts)
+    hidden = tuple(dict.fromkeys(verdict.hidden for verdict in verdicts.values() if not verdict.observable))
+    rows = tuple(
+        (Cell(" + ".join(subset)), *(_dimension(verdicts[subset, manoeuvre], hidden) for manoeuvre in manoeuvres)) for subset in subsets
+    )
+    notes = tuple(f"{_letter(i)}{NARROW}: {typeset(text)}." for i, text in enumerate(hidden))
     n, letters = len(study.scenario.state_names), " Letters name what stays hidden." if hidden else ""
     return Table(
         "Dimension of the observable space",
@@ -83,7 +85,7 @@ def paths_table(study: Study) -> Table:
     name = criterion_name(study)
     values = (f"{name} [–]", *(() if name == "λmin" else ("λmin [–]",)), "second [–]")
     cap, sensors = ("below its cap [%]",) if _has_cap(study) else (), ("sensors",) if len(study.suites) > 1 else ()
-    states = tuple(label(signal) for signal in facts.states_of(study))
+    states = tuple(signal_label(signal) for signal in facts.states_of(study))
     durations = ("duration [s]",) if _durations_differ(study) else ()
     rows = tuple(_path_row(study, candidate, quality) for candidate in study.candidates for quality in candidate.qualities)
     return Table(
@@ -98,23 +100,23 @@ def paths_table(study: Study) -> Table:
 
 def contributions_table(study: Study) -> Table:
     """Which sensor says how much about each state along the designed path, and where most of it comes from."""
-    found = study.main.contributions
+    contributions = study.main.contributions
     rows = [
         (
-            Cell(label(signal)),
-            _deviation(found.std[i], signal),
-            *(_percentage(share) for share in found.shares[i].sum(axis=0)),
-            Cell(_most(study, found.shares[i])),
+            Cell(signal_label(signal)),
+            _deviation(contributions.std[i], signal),
+            *(_percentage(share) for share in contributions.shares[i].sum(axis=0)),
+            Cell(_bulk_text(study, contributions.shares[i])),
         )
         for i, signal in enumerate(facts.states_of(study))
     ]
-    weakest = (Cell("weakest combination"), Cell(DASH), *map(_percentage, found.weakest_shares.sum(axis=0)))
+    weakest = (Cell("weakest combination"), Cell(DASH), *map(_percentage, contributions.weakest_shares.sum(axis=0)))
     return Table(
         f"Who says what on {path_in_words(study.about)}, all sensors on",
         "Good: small standard deviations that do not hang on one sensor. Known to: the Cramér-Rao bound on the start state; the shares of "
         "the sensors in what is known add up to 100; most of it: the shortest stretch that holds 70 % of the largest share.",
-        ("state", "known to", *(f"{name} [%]" for name in found.sensors), "most of it"),
-        (*rows, (*weakest, Cell(_most(study, found.weakest_shares)))),
+        ("state", "known to", *(f"{name} [%]" for name in contributions.sensors), "most of it"),
+        (*rows, (*weakest, Cell(_bulk_text(study, contributions.weakest_shares)))),
     )
 
 
@@ -122,7 +124,7 @@ def _percentage(share: float) -> Cell:
     return Cell(DASH if np.isnan(share) else plain(round(100 * share)))
 
 
-def _most(study: Study, shares: np.ndarray) -> str:
+def _bulk_text(study: Study, shares: np.ndarray) -> str:
     if np.isnan(shares).any():
         return "nothing says anything"
     sensor, first, last = shortest_bulk(shares)
@@ -138,7 +140,7 @@ def starts_table(study: Study, suite: int) -> Table:
     rows = tuple(
         (
             Cell(start.name),
-            Cell(rounded(start.value), "good" if start.refined and start.value >= best else ""),
+            Cell(numeral(start.value), "good" if start.refined and start.value >= best else ""),
             Cell(plain(start.iterations)),
             Cell(start.status.value if start.refined else f"{start.status.value}, coarse", "" if start.status.has_answer else "bad"),
         )
@@ -154,14 +156,21 @@ def starts_table(study: Study, suite: int) -> Table:
 
 def checks_table(study: Study) -> Table:
     """Final errors, their bounds, and consistency for every path and schedule."""
-    head = ("path", "schedule", *(label(signal) for signal in facts.states_of(study)), "in the band [%]", "highest NEES [–]", "filter")
+    head = (
+        "path",
+        "schedule",
+        *(signal_label(signal) for signal in facts.states_of(study)),
+        "in the band [%]",
+        "highest NEES [–]",
+        "filter",
+    )
     low, high = study.checks[0].validation.nees_interval
     runs = study.checks[0].validation.runs
     return Table(
         f"Filter errors at the end, {runs} runs each",
         "Good: a small error, close to its posterior Cramér-Rao bound (1σ, in brackets), and a consistent filter: run-averaged NEES in its "
-        f"95{NARROW}% band, {rounded(low)} to {rounded(high)}, at {plain(100 * CONSISTENT_SHARE)}{NARROW}% or more of the instants after "
-        f"{plain(facts.settled_after(study))}{NARROW}s.",
+        f"95{NARROW}% band, {numeral(low)} to {numeral(high)}, at {plain(100 * CONSISTENT_SHARE)}{NARROW}% or more of the instants after "
+        f"{plain(facts.settling_time(study))}{NARROW}s.",
         head,
         tuple(_check_row(study, check) for check in study.checks),
     )
@@ -180,21 +189,21 @@ def _letter(i: int) -> str:
 
 
 def _component(value: float, signal: Signal) -> str:
-    text = rounded(value) if abs(value) > 1e-12 else "0"
+    text = numeral(value) if abs(value) > 1e-12 else "0"
     return f"{text}{NARROW}{signal.unit}"
 
 
 def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cell, ...]:
-    values = facts.cleaned(quality)
+    values = facts.clean_eigenvalues(quality)
     shown = values[1:2] if criterion_name(study) == "λmin" else values[:2]
-    broken = candidate.shortfalls
-    limits = Cell(f"no: {shortfalls_in_words(broken)}", "bad") if broken else Cell("yes", "good")
+    violations = candidate.violations
+    limits = Cell(f"no: {violations_in_words(violations)}", "bad") if violations else Cell("yes", "good")
     return (
         Cell(candidate.name),
         *((Cell(facts.sensors_in_words(study, quality.sensors)),) if len(study.suites) > 1 else ()),
         *((Cell(plain(candidate.duration)),) if _durations_differ(study) else ()),
-        Cell(rounded(facts.value_of(study, quality)), "bad" if facts.value_of(study, quality) in (0.0, float("-inf")) else ""),
-        *(Cell(rounded(value)) for value in shown),
+        Cell(numeral(facts.value_of(study, quality)), "bad" if facts.value_of(study, quality) in (0.0, float("-inf")) else ""),
+        *(Cell(numeral(value)) for value in shown),
         *(_deviation(value, signal) for value, signal in zip(quality.std, facts.states_of(study), strict=True)),
         *((limits,) if _has_limits(study) else ()),
         *([_cap_cell(study, candidate, quality)] if _has_cap(study) else []),
@@ -214,7 +223,7 @@ def _durations_differ(study: Study) -> bool:
 
 
 def _deviation(value: float, signal: Signal) -> Cell:
-    return Cell("hidden", "bad") if np.isinf(value) else Cell(rounded(value * readable(signal)[0]))
+    return Cell("hidden", "bad") if np.isinf(value) else Cell(numeral(value * display_unit(signal)[0]))
 
 
 def _cap_cell(study: Study, candidate: Candidate, quality: Quality) -> Cell:
@@ -224,18 +233,18 @@ def _cap_cell(study: Study, candidate: Candidate, quality: Quality) -> Cell:
     if candidate.duration != design.problem.longest:
         return Cell(DASH)
     short = 1 - facts.value_of(study, quality) / cap.value
-    return Cell("cap reached", "good") if short <= 1e-6 else Cell(rounded(100 * short))
+    return Cell("cap reached", "good") if short <= 1e-6 else Cell(numeral(100 * short))
 
 
-def _check_row(study: Study, check: Check) -> tuple[Cell, ...]:
+def _check_row(study: Study, check: FilterCheck) -> tuple[Cell, ...]:
     validation = check.validation
     pairs = zip(validation.rmse[-1], validation.bound[-1], facts.states_of(study), strict=True)
-    errors = (f"{rounded(rmse * readable(signal)[0])} ({rounded(bound * readable(signal)[0])})" for rmse, bound, signal in pairs)
+    errors = (f"{numeral(rmse * display_unit(signal)[0])} ({numeral(bound * display_unit(signal)[0])})" for rmse, bound, signal in pairs)
     return (
         Cell(check.path),
         Cell(check.schedule),
         *(Cell(text) for text in errors),
-        Cell(rounded(100 * validation.in_band)),
-        Cell(rounded(facts.peak(check)[0])),
+        Cell(numeral(100 * validation.in_band)),
+        Cell(numeral(facts.nees_peak(check)[0])),
         Cell(validation.verdict, "good" if validation.consistent else "bad"),
     )

@@ -70,8 +70,8 @@ def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> T
         table.add_row("chosen, all its samples together (the others: counted from below)", _number(selection.exact_value))
     gap = "none" if selection.gap is None else f"{selection.gap:.3g}" if selection.criterion == "log_det" else f"{selection.gap:.2%}"
     table.add_row("no schedule is above", f"{_number(selection.bound)} (gap {gap})")
-    for each, value in selection.naive.items():
-        table.add_row(each + (" (breaks the rules)" if selection.broken[each] else ""), _number(value))
+    for naive_name, value in selection.naive.items():
+        table.add_row(naive_name + (" (breaks the rules)" if selection.broken[naive_name] else ""), _number(value))
     if selection.random_count:
         table.add_row(f"best of {selection.random_count} random", _number(selection.random_best))
     about = "maximised: information about the state at the start, without process noise and prior"

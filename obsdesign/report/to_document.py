@@ -11,7 +11,7 @@ from statistics import median
 import numpy as np
 
 import obsdesign
-from obsdesign.design.feasibility import Shortfall
+from obsdesign.design.feasibility import Violation
 from obsdesign.design.record import Design, Evidence, Start
 from obsdesign.estimation.validation import Validation
 from obsdesign.information.contribution_shares import Contributions
@@ -23,8 +23,8 @@ from obsdesign.report.document import (
     ContributionPart,
     DesignPart,
     EvidencePart,
+    FlightHistoryPart,
     FlightPart,
-    FlownPart,
     LossPart,
     OptimumPart,
     ParetoPart,
@@ -35,24 +35,24 @@ from obsdesign.report.document import (
     RobustnessPart,
     ScenarioPart,
     SelectionPart,
-    ShortfallPart,
     StartPart,
     ValidationPart,
     VerdictPart,
+    ViolationPart,
 )
-from obsdesign.report.expectations import Expectation, expectations
+from obsdesign.report.expectations import Expectation, check_expectations
 from obsdesign.report.sections.codesign import joint_part
-from obsdesign.report.sections.flight import broken, final_errors, least_margin
+from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.selection.pareto import Pareto
 from obsdesign.study.record import Analysis, Candidate, Quality, Study
 
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
 
 
-def result_of(study: Study) -> Result:
+def document_of(study: Study) -> Result:
     """Return the document of a study, expectations checked."""
-    draft = _result(study, [])
-    return _result(study, expectations(study.scenario.expected, draft.model_dump()))
+    draft = _build_document(study, [])
+    return _build_document(study, check_expectations(study.scenario.expected, draft.model_dump()))
 
 
 def versions() -> dict[str, str]:
@@ -65,12 +65,12 @@ def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
     return "all" if set(sensors) == set(study.scenario.sensor_names) else "+".join(sensors)
 
 
-def _result(study: Study, expected: list[Expectation]) -> Result:
+def _build_document(study: Study, expected: list[Expectation]) -> Result:
     suites = [suite_key(study, suite) for suite in study.suites] if study.designs else []
     manoeuvres = dict.fromkeys(analysis.manoeuvre for analysis in study.analyses)
     checks: dict[str, dict[str, ValidationPart]] = {}
-    for each in study.each:
-        for check in each.checks:
+    for path_study in study.each:
+        for check in path_study.checks:
             checks.setdefault(check.path, {})[check.schedule] = _validation(study, check.validation)
     return Result(
         schema_version=SCHEMA_VERSION,
@@ -78,12 +78,12 @@ def _result(study: Study, expected: list[Expectation]) -> Result:
         seed=study.seed,
         versions=versions(),
         analyses={
-            name: {"+".join(each.sensors): _verdict(each) for each in study.analyses if each.manoeuvre == name} for name in manoeuvres
+            name: {"+".join(entry.sensors): _verdict(entry) for entry in study.analyses if entry.manoeuvre == name} for name in manoeuvres
         },
         designs={suite: _design(design) for suite, design in zip(suites, study.designs, strict=True)},
         paths={candidate.name: _path(study, candidate) for candidate in study.candidates},
         selection=_selection(study),
-        selections={each.about: _selection(each) for each in study.each},
+        selections={path_study.about: _selection(path_study) for path_study in study.each},
         t=study.main.path.t.tolist(),
         validation=checks,
         joint=None if study.joint is None else joint_part(study, study.joint),
@@ -132,7 +132,7 @@ def _design(design: Design) -> DesignPart:
         residual=design.residual,
         iterations=design.iterations,
         cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
-        optima=[OptimumPart(value=each.value, starts=list(each.starts)) for each in design.optima],
+        optima=[OptimumPart(value=optimum.value, starts=list(optimum.starts)) for optimum in design.optima],
         robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
         evidence=None if evidence is None else _evidence(evidence),
         starts=[_start(start) for start in design.starts],
@@ -150,30 +150,34 @@ def _start(start: Start) -> StartPart:
     )
 
 
-def _evidence(found: Evidence) -> EvidencePart:
+def _evidence(evidence: Evidence) -> EvidencePart:
     return EvidencePart(
-        estimate=found.estimate, remaining=found.remaining, dual=found.Z.tolist(), climbs=found.climbs, in_words=found.in_words
+        estimate=evidence.estimate,
+        remaining=evidence.remaining,
+        dual=evidence.Z.tolist(),
+        climbs=evidence.climbs,
+        in_words=evidence.in_words,
     )
 
 
 def _path(study: Study, candidate: Candidate) -> PathPart:
     return PathPart(
         feasible=candidate.feasible,
-        shortfalls=_shortfalls(candidate.shortfalls),
+        shortfalls=_violation_parts(candidate.violations),
         duration=candidate.duration,
         quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
         contributions=_contributions(candidate.contributions),
     )
 
 
-def _contributions(found: Contributions) -> dict[str, ContributionPart]:
+def _contributions(contributions: Contributions) -> dict[str, ContributionPart]:
     return {
         state.name: ContributionPart(
-            std=float(found.std[i]),
-            by_sensor=dict(zip(found.sensors, found.shares[i].sum(axis=0).tolist(), strict=True)),
-            in_words=found.sentences[i],
+            std=float(contributions.std[i]),
+            by_sensor=dict(zip(contributions.sensors, contributions.shares[i].sum(axis=0).tolist(), strict=True)),
+            in_words=contributions.sentences[i],
         )
-        for i, state in enumerate(found.states)
+        for i, state in enumerate(contributions.states)
     }
 
 
@@ -182,13 +186,13 @@ def _quality(quality: Quality) -> QualityPart:
 
 
 def _selection(study: Study) -> SelectionPart:
-    selection, asked, sensors = study.selection, study.scenario.selection, study.scenario.sensor_names
+    selection, settings, sensors = study.selection, study.scenario.selection, study.scenario.sensor_names
     schedule, random = selection.schedule, selection.random_values
     return SelectionPart(
-        criterion=asked.criterion,
-        per_segment=asked.per_segment,
-        robust_to=asked.robust_to,
-        rules=[str(rule) for rule in asked.rules],
+        criterion=settings.criterion,
+        per_segment=settings.per_segment,
+        robust_to=settings.robust_to,
+        rules=[str(rule) for rule in settings.rules],
         status=schedule.status.name,
         chosen=schedule.chosen.astype(int).tolist(),
         seconds=dict(zip(sensors, (np.diff(segment_nodes(study)) @ schedule.chosen).tolist(), strict=True)),
@@ -210,7 +214,7 @@ def _selection(study: Study) -> SelectionPart:
         random_best=float(random[-1]) if len(random) else float("nan"),
         random_median=float(random[len(random) // 2]) if len(random) else float("nan"),
         random_count=len(random),
-        losses={sensors[each.sensor]: LossPart(kept=each.kept, rechosen=each.rechosen, bound=each.bound) for each in selection.losses},
+        losses={sensors[loss.sensor]: LossPart(kept=loss.kept, rechosen=loss.rechosen, bound=loss.bound) for loss in selection.losses},
         pareto=None if selection.pareto is None else _pareto(selection.pareto),
     )
 
@@ -229,16 +233,16 @@ def _flight(study: Study, flight: Flight) -> FlightPart:
     plans = zip(flight.statuses, flight.feasible, flight.ages, flight.values, strict=True)
     return FlightPart(
         t=flight.t.tolist(),
-        flown=_flown(study, flight),
-        middle=None if flight.straight is None else _flown(study, flight.straight),
+        flown=_flight_history(study, flight),
+        middle=None if flight.straight is None else _flight_history(study, flight.straight),
         plans=[PlanPart(status=status.name, feasible=feasible, age=age, value=value) for status, feasible, age, value in plans],
         feasible_plans=sum(flight.feasible),
     )
 
 
-def _flown(study: Study, flight: Flight) -> FlownPart:
+def _flight_history(study: Study, flight: Flight) -> FlightHistoryPart:
     states, inputs = study.scenario.state_names, study.scenario.system.model.input_names
-    return FlownPart(
+    return FlightHistoryPart(
         truth=_by_name(states, flight.truth),
         mean=_by_name(states, flight.mean),
         std=_by_name(states, flight.std),
@@ -246,8 +250,8 @@ def _flown(study: Study, flight: Flight) -> FlownPart:
         nees=flight.nees.tolist(),
         final_error=dict(zip(states, final_errors(study, flight).tolist(), strict=True)),
         final_std=dict(zip(states, flight.std[-1].tolist(), strict=True)),
-        shortfalls=_shortfalls(broken(study, flight)),
-        margin=least_margin(study, flight),
+        shortfalls=_violation_parts(flight_violations(study, flight)),
+        margin=smallest_margin(study, flight),
     )
 
 
@@ -255,8 +259,8 @@ def _by_name(names: tuple[str, ...], values: np.ndarray) -> dict[str, list[float
     return dict(zip(names, values.T.tolist(), strict=True))
 
 
-def _shortfalls(found: tuple[Shortfall, ...]) -> list[ShortfallPart]:
-    return [ShortfallPart(what=each.what, time=each.time, by=each.by, unit=each.unit) for each in found]
+def _violation_parts(violations: tuple[Violation, ...]) -> list[ViolationPart]:
+    return [ViolationPart(what=violation.what, time=violation.time, by=violation.by, unit=violation.unit) for violation in violations]
 
 
 def _timings(study: Study) -> dict[str, float]:

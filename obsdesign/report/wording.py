@@ -6,9 +6,9 @@ import numpy as np
 
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.names import CRITERIA, path_in_words
-from obsdesign.report.number_format import NARROW, joined, percent, plain, polished, rounded, with_unit
+from obsdesign.report.number_format import NARROW, join, numeral, percent, plain, typeset, with_unit
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
-from obsdesign.study.record import Check, Study
+from obsdesign.study.record import FilterCheck, Study
 
 _FEW = 2  # manoeuvres that are told one by one
 
@@ -20,73 +20,73 @@ def criterion_name(study: Study) -> str:
     return f"{name} about {', '.join(about)}" if about else name
 
 
-def answer(study: Study) -> str:
+def study_answer(study: Study) -> str:
     """Answer the study's question in one sentence: the errors at the end, against flying and measuring without thinking."""
     if not study.checks:
-        return _capital(schedule_in_words(study)) + "."
+        return _capitalise(schedule_in_words(study)) + "."
     changes, check = facts.final_changes(study), study.check(study.about, facts.CHOSEN)
     better = [change for change in changes if change.is_better]
-    seen = "Yes" if better and check.validation.consistent else "In part"
+    verdict = "Yes" if better and check.validation.consistent else "In part"
     how = f"on {path_in_words(study.about)}, with {schedule_in_words(study)}, a filter ends up"
     than = f"{path_in_words(study.baseline)} with {facts.baseline(study).schedule}"
     if not study.designs:
         than = facts.baseline(study).schedule
     if not better:
-        return f"{seen}: {how} with errors no smaller than {'on' if study.designs else 'with'} {than}{_honesty(check)}."
-    gains = joined([f"{change.signal.name} to {with_unit(change.ours, change.signal)}" for change in better])
-    losses = joined([with_unit(change.theirs, change.signal) for change in better])
-    return f"{seen}: {how} knowing {gains} (RMSE), where {than} leaves {losses}{_price(study)}{_honesty(check)}."
+        return f"{verdict}: {how} with errors no smaller than {'on' if study.designs else 'with'} {than}{_consistency_clause(check)}."
+    gains = join([f"{change.signal.name} to {with_unit(change.error, change.signal)}" for change in better])
+    losses = join([with_unit(change.baseline_error, change.signal) for change in better])
+    return f"{verdict}: {how} knowing {gains} (RMSE), where {than} leaves {losses}{_error_price(study)}{_consistency_clause(check)}."
 
 
-def _price(study: Study) -> str:
+def _error_price(study: Study) -> str:
     worse = [change for change in facts.final_changes(study) if change.is_worse]
     parts = [
-        f"{change.signal.name} of {with_unit(change.ours, change.signal)} instead of {with_unit(change.theirs, change.signal)}"
+        f"{change.signal.name} of {with_unit(change.error, change.signal)} instead of {with_unit(change.baseline_error, change.signal)}"
         for change in worse
     ]
-    return f"; the price is an error in {joined(parts)} at the end" if worse else ""
+    return f"; the price is an error in {join(parts)} at the end" if worse else ""
 
 
-def _honesty(check: Check) -> str:
+def _consistency_clause(check: FilterCheck) -> str:
     return "" if check.validation.consistent else f"; but the filter is {check.validation.verdict}"
 
 
 def schedule_in_words(study: Study) -> str:
     """Say how many sensors are on at a time, and for how long each."""
     count, sensors = study.scenario.selection.per_segment, len(study.scenario.sensors)
-    on = facts.sensors_on(study, study.selection.schedule.chosen)
+    on = facts.on_times(study, study.selection.schedule.chosen)
     times = ", ".join(f"{name} {plain(seconds)}{NARROW}s" for name, seconds in on.items())
     return f"{count} of {sensors} sensors on at a time ({times})"
 
 
-def seen(study: Study) -> str:
+def observability_answer(study: Study) -> str:
     """Answer "Can it?": who sees everything, in which manoeuvre, and what the reported suites miss."""
-    n, manoeuvres = len(study.scenario.state_names), dict.fromkeys(each.manoeuvre for each in study.analyses)
+    n, manoeuvres = len(study.scenario.state_names), dict.fromkeys(analysis.manoeuvre for analysis in study.analyses)
     missing = [
-        f"{_misses(study, suite)} {'' if each.verdict.decided else 'up to '}{n - each.verdict.dimension} of {n} "
-        f"dimensions, within {joined(each.verdict.unobservable_states)} ({each.manoeuvre})"
+        f"{_misses(study, suite)} {'' if analysis.verdict.decided else 'up to '}{n - analysis.verdict.dimension} of {n} "
+        f"dimensions, within {join(analysis.verdict.unobservable_states)} ({analysis.manoeuvre})"
         for suite in study.suites
-        for each in facts.incomplete(study, suite)
+        for analysis in facts.unobservable_analyses(study, suite)
     ]
-    who = _who_sees(study, tuple(manoeuvres)) if len(manoeuvres) <= _FEW else _where_seen(study, tuple(manoeuvres))
-    yes = "No" if len(facts.incomplete(study, study.suites[0])) == len(manoeuvres) else "Yes"
-    return f"{yes}: {who}{f'; {joined(missing)}' if missing else ''}."
+    who = _suites_text(study, tuple(manoeuvres)) if len(manoeuvres) <= _FEW else _manoeuvres_text(study, tuple(manoeuvres))
+    yes = "No" if len(facts.unobservable_analyses(study, study.suites[0])) == len(manoeuvres) else "Yes"
+    return f"{yes}: {who}{f'; {join(missing)}' if missing else ''}."
 
 
-def _who_sees(study: Study, manoeuvres: tuple[str, ...]) -> str:
+def _suites_text(study: Study, manoeuvres: tuple[str, ...]) -> str:
     """How many combinations of sensors see everything in each manoeuvre."""
     parts = []
     for manoeuvre in manoeuvres:
-        verdicts = [each.verdict for each in study.analyses if each.manoeuvre == manoeuvre]
+        verdicts = [analysis.verdict for analysis in study.analyses if analysis.manoeuvre == manoeuvre]
         parts.append(f"{sum(verdict.observable for verdict in verdicts)} of {len(verdicts)} ({manoeuvre})")
-    return f"of the combinations of sensors, {joined(parts)} see all {len(study.scenario.state_names)} states"
+    return f"of the combinations of sensors, {join(parts)} see all {len(study.scenario.state_names)} states"
 
 
-def _where_seen(study: Study, manoeuvres: tuple[str, ...]) -> str:
+def _manoeuvres_text(study: Study, manoeuvres: tuple[str, ...]) -> str:
     """In which manoeuvres all sensors together see everything."""
-    blind = {each.manoeuvre for each in facts.incomplete(study, study.suites[0])}
-    good = [name for name in manoeuvres if name not in blind]
-    names = f" ({joined(good)})" if good else ""
+    unobservable = {analysis.manoeuvre for analysis in facts.unobservable_analyses(study, study.suites[0])}
+    good = [name for name in manoeuvres if name not in unobservable]
+    names = f" ({join(good)})" if good else ""
     return f"all sensors together see all {len(study.scenario.state_names)} states in {len(good)} of {len(manoeuvres)} manoeuvres{names}"
 
 
@@ -95,34 +95,34 @@ def _misses(study: Study, suite: tuple[str, ...]) -> str:
     return "they miss" if together else f"{facts.sensors_in_words(study, suite)} misses"
 
 
-def proven(study: Study) -> str:
+def proof_note(study: Study) -> str:
     """Say how the dimensions were decided."""
-    undecided = [each for each in study.analyses if not each.verdict.decided]
+    undecided = [analysis for analysis in study.analyses if not analysis.verdict.decided]
     how = "Dimensions are decided in ball arithmetic, which encloses every rounding error, not read off floating-point singular values."
     total = len(study.analyses)
     count = f"{len(undecided)} of {total} are undecided (marked ≥)" if undecided else f"All {total} are decided"
-    shown = (*(each for suite in study.suites for each in facts.incomplete(study, suite)), *study.analyses)[0]
+    shown = (*(analysis for suite in study.suites for analysis in facts.unobservable_analyses(study, suite)), *study.analyses)[0]
     who = f"{facts.sensors_in_words(study, shown.sensors)}, {shown.manoeuvre}"
-    return f"{how} {count}. For {who}: {polished(shown.verdict.proof)}."
+    return f"{how} {count}. For {who}: {typeset(shown.verdict.proof)}."
 
 
-def taken(study: Study) -> str:
+def path_answer(study: Study) -> str:
     """Answer "How?": the designed path against constant inputs and the weave."""
-    ours, known = _value(study, DESIGNED), {candidate.name for candidate in study.candidates}
-    names = dict.fromkeys((study.baseline, *(each.name for each in study.scenario.baselines), STRAIGHT, WEAVE))
-    rivals = [f"{_gain(study, ours, _value(study, name))} {path_in_words(name)}" for name in names if name in known]
+    ours, path_names = _value(study, DESIGNED), {candidate.name for candidate in study.candidates}
+    names = dict.fromkeys((study.baseline, *(baseline.name for baseline in study.scenario.baselines), STRAIGHT, WEAVE))
+    rivals = [f"{_gain(study, ours, _value(study, name))} {path_in_words(name)}" for name in names if name in path_names]
     design, name = study.designs[0], criterion_name(study)
     return (
-        f"Take the coloured path: with all sensors on, {name} is {rounded(ours)}, {joined(rivals)}; "
+        f"Take the coloured path: with all sensors on, {name} is {numeral(ours)}, {join(rivals)}; "
         f"it is {design.status.value}, not proven global."
     )
 
 
-def rated(study: Study) -> str:
+def rating_answer(study: Study) -> str:
     """Say how much all sensors know on each given path."""
     name = criterion_name(study)
-    values = [f"{rounded(_value(study, each.name))} on {path_in_words(each.name)}" for each in study.candidates]
-    return f"With all sensors on, {name} is {joined(values)}."
+    values = [f"{numeral(_value(study, candidate.name))} on {path_in_words(candidate.name)}" for candidate in study.candidates]
+    return f"With all sensors on, {name} is {join(values)}."
 
 
 def _value(study: Study, path: str) -> float:
@@ -132,15 +132,15 @@ def _value(study: Study, path: str) -> float:
 def _gain(study: Study, ours: float, theirs: float) -> str:
     """Compare two values of the criterion in words that suit it."""
     if study.scenario.design.criterion in ("log_det", "posterior") or theirs in (0.0, float("-inf")):
-        return f"against {rounded(theirs)} for"
+        return f"against {numeral(theirs)} for"
     if ours < 0:
-        return f"a sum of variances {rounded(theirs / ours)} times smaller than for"
-    return f"{rounded(ours / theirs)} times that of"
+        return f"a sum of variances {numeral(theirs / ours)} times smaller than for"
+    return f"{numeral(ours / theirs)} times that of"
 
 
-def caps(study: Study) -> tuple[str, ...]:
+def cap_notes(study: Study) -> tuple[str, ...]:
     """Say for each suite how near its designed path comes to what no path can exceed, and why the others stay below."""
-    return tuple(_cap(study, i) for i in range(len(study.suites))) if facts.judged_by_eigenvalue(study) else ()
+    return tuple(_cap(study, i) for i in range(len(study.suites))) if facts.uses_smallest_eigenvalue(study) else ()
 
 
 def _cap(study: Study, i: int) -> str:
@@ -148,13 +148,13 @@ def _cap(study: Study, i: int) -> str:
     if cap is None:
         return f"With {suite}: no cap is known, since every part of the information depends on the path."
     block = ", ".join(cap.states)
-    what = f"With {suite}: the information about ({block}) is the same on every path, so no path exceeds the cap {rounded(cap.value)}"
-    found = "reaches it" if design.reaches_cap else f"stays {percent(1 - design.value / cap.value)} below it"
+    what = f"With {suite}: the information about ({block}) is the same on every path, so no path exceeds the cap {numeral(cap.value)}"
+    relation = "reaches it" if design.reaches_cap else f"stays {percent(1 - design.value / cap.value)} below it"
     same = [candidate for candidate in study.candidates if candidate.duration == design.problem.longest]
     below = [candidate for candidate in same if candidate.qualities[i].value < cap.value * (1 - 1e-6)]
     reasons = [f"{candidate.name} {percent(facts.outside_share(study, candidate.qualities[i], cap))}" for candidate in below]
     lean = "A path stays below where its weakest direction leans on states outside that block; share outside"
-    return f"{what}; the path designed for {suite} {found}." + (f" {lean}: {', '.join(reasons)}." if below else "")
+    return f"{what}; the path designed for {suite} {relation}." + (f" {lean}: {', '.join(reasons)}." if below else "")
 
 
 def weave_in_words(study: Study) -> str:
@@ -166,55 +166,56 @@ def weave_in_words(study: Study) -> str:
         return "No weave meets the same limits: there is none to compare with."
     degrees, side = 180 / np.pi, "left" if weave.side > 0 else "right"
     return (
-        f"The weave turns by {rounded(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
-        f"±{rounded(weave.swing * degrees)}{NARROW}deg with a period of {rounded(weave.period)}{NARROW}s, {side} first; "
+        f"The weave turns by {numeral(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
+        f"±{numeral(weave.swing * degrees)}{NARROW}deg with a period of {numeral(weave.period)}{NARROW}s, {side} first; "
         "course, swing, period and side are the best of a search over a grid that is refined about its best points."
     )
 
 
-def held(study: Study) -> str:
+def validation_answer(study: Study) -> str:
     """Answer "Does it hold?": consistency on the designed path, and what the chosen schedule is worth at the end."""
     check = study.check(study.about, facts.CHOSEN)
-    validation, after = check.validation, f"{plain(facts.settled_after(study))}{NARROW}s"
+    validation, after = check.validation, f"{plain(facts.settling_time(study))}{NARROW}s"
     yes = "Yes" if validation.consistent else "Not quite"
     band = f"the run-averaged NEES lies in its 95{NARROW}% band at {percent(validation.in_band)} of the instants after {after}"
     excess = float(np.max(validation.rmse[-1] / validation.bound[-1])) - 1
     near = f"its final errors are at most {percent(max(excess, 0.0))} above their Cramér-Rao bounds"
-    others = [each for each in study.checks if not each.validation.consistent and each is not check]
-    rest = joined(
-        [f"{path_in_words(each.path)} with {_named(each.schedule)}" for each in others], "or" if not validation.consistent else "and"
+    others = [case for case in study.checks if not case.validation.consistent and case is not check]
+    rest = join(
+        [f"{path_in_words(case.path)} with {_schedule_name(case.schedule)}" for case in others],
+        "or" if not validation.consistent else "and",
     )
     contrast = "not so on" if validation.consistent else "nor is it consistent on"
     tail = f"; {contrast} {rest}" if others else ""
     return f"{yes}: on {path_in_words(study.about)} with the chosen schedule the filter is {validation.verdict}, {band}, and {near}{tail}."
 
 
-def reasons(study: Study) -> tuple[str, ...]:
+def consistency_notes(study: Study) -> tuple[str, ...]:
     """Say for each case why its filter is not consistent, or what its NEES does at first."""
-    found = [f"{_capital(check.path)}, {check.schedule}: {_reason(study, check)}" for check in study.checks if _reason(study, check)]
+    notes = [f"{_capitalise(check.path)}, {check.schedule}: {_reason(study, check)}" for check in study.checks if _reason(study, check)]
     worse = [change.signal.name for change in facts.final_changes(study) if change.is_worse]
     last = study.selection.schedule.chosen[-1]
     if worse and not last.all():
-        on = joined([name for name, kept in zip(study.scenario.sensor_names, last, strict=True) if kept])
-        found.append(
-            f"The final error in {joined(worse)} is larger than {_on_the_baseline(study)}with "
+        on = join([name for name, is_on in zip(study.scenario.sensor_names, last, strict=True) if is_on])
+        notes.append(
+            f"The final error in {join(worse)} is larger than {_on_the_baseline(study)}with "
             f"{facts.baseline(study).schedule}: the schedule is chosen for what the whole path says about the start state, not for the "
             f"last instant, and the last segment has only {on}."
         )
-    return tuple(found)
+    return tuple(notes)
 
 
-def _reason(study: Study, check: Check) -> str:
-    validation, hidden = check.validation, facts.hidden_under(study, check)
-    highest, when = facts.peak(check)
-    early = when < facts.settled_after(study)
+def _reason(study: Study, check: FilterCheck) -> str:
+    validation, hidden = check.validation, facts.hidden_states(study, check)
+    highest, when = facts.nees_peak(check)
+    early = when < facts.settling_time(study)
     cause = "when the first measurements meet an estimate as far off as the prior allows" if early else "where the estimate is far off"
-    peaks = f"the NEES peaks at {rounded(highest)} at {plain(when)}{NARROW}s, {cause}"
+    peaks = f"the NEES peaks at {numeral(highest)} at {plain(when)}{NARROW}s, {cause}"
     if validation.verdict == "underconfident":
         return "underconfident: the covariance is larger than the errors, so measurements weigh less than they could."
     if validation.verdict == "overconfident" and hidden:
         return (
-            f"overconfident, because these sensors do not see a combination of {joined(hidden)} on this path; the filter linearises about "
+            f"overconfident, because these sensors do not see a combination of {join(hidden)} on this path; the filter linearises about "
             "estimates that move, and so gains information about that combination that is not there."
         )
     if validation.verdict == "overconfident":
@@ -228,9 +229,9 @@ def _on_the_baseline(study: Study) -> str:
     return f"on {path_in_words(study.baseline)} " if study.designs else ""
 
 
-def _named(schedule: str) -> str:
+def _schedule_name(schedule: str) -> str:
     return "the chosen schedule" if schedule == facts.CHOSEN else schedule
 
 
-def _capital(text: str) -> str:
+def _capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]

@@ -19,12 +19,12 @@ def as_numbers(what: str, value: Any) -> float | dict[Sensor, float]:  # noqa: A
     return _number(what, value)
 
 
-def as_sensors(what: str, value: Any, least: int = 1) -> tuple[Sensor, ...]:  # noqa: ANN401
+def as_sensors(what: str, value: Any, minimum: int = 1) -> tuple[Sensor, ...]:  # noqa: ANN401
     """Return at least so many distinct sensors, by name or index, as a tuple, or raise InputError."""
-    given = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
-    if len(set(given)) != len(given) or len(given) < least or not all(_is_sensor(each) for each in given):
-        raise InputError(f"{what} is {value!r}: must be at least {least} different sensor{'s' if least > 1 else ''}, by name or index")
-    return given
+    sensors = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
+    if len(set(sensors)) != len(sensors) or len(sensors) < minimum or not all(_is_sensor(sensor) for sensor in sensors):
+        raise InputError(f"{what} is {value!r}: must be at least {minimum} different sensor{'s' if minimum > 1 else ''}, by name or index")
+    return sensors
 
 
 def _is_sensor(value: Any) -> bool:  # noqa: ANN401
@@ -37,6 +37,6 @@ def _number(what: str, value: Any) -> float:  # noqa: ANN401
     return float(value)
 
 
-def listed(sensors: Iterable[Sensor] | None) -> str:
+def sensor_list(sensors: Iterable[Sensor] | None) -> str:
     """Return sensors as words: gps, range."""
     return "every sensor" if sensors is None else ", ".join(str(sensor) for sensor in sensors)

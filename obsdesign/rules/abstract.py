@@ -32,7 +32,7 @@ class Segments:
         if isinstance(sensor, str):
             require_known(f"{rule}: sensors", (sensor,), self.names)
             return self.names.index(sensor)
-        require_count(f"{rule}: sensor", sensor, least=0, most=len(self.names) - 1)
+        require_count(f"{rule}: sensor", sensor, minimum=0, maximum=len(self.names) - 1)
         return int(sensor)
 
     def sensors(self, rule: object, sensors: tuple[str | int, ...] | None) -> tuple[int, ...]:
@@ -53,14 +53,14 @@ class Resource:
 class Terms:
     """What a rule says; what it leaves at None it does not touch.
 
-    available (K, S) bool; involved: the sensors that `allowed` looks at, which says of patterns (P, S) bool which may be on
+    available (K, S) bool; sensors: the sensors that `admissible` looks at, which says of patterns (P, S) bool which may be on
     together; resource: what is counted; switching (S,): what each switching-on takes off the value; dwell (S,): segments that a
     sensor stays on at least.
     """
 
     available: np.ndarray | None = None
-    involved: tuple[int, ...] = ()
-    allowed: Callable[[np.ndarray], np.ndarray] | None = None
+    sensors: tuple[int, ...] = ()
+    admissible: Callable[[np.ndarray], np.ndarray] | None = None
     resource: Resource | None = None
     switching: np.ndarray | None = None
     dwell: np.ndarray | None = None
@@ -74,14 +74,14 @@ class AbstractRule(ABC):
         """Return what the rule says about these segments, or raise InputError for a sensor or a segment that they do not have."""
 
 
-def each(rule: object, what: str, value: float | dict[str | int, float], segments: Segments) -> np.ndarray:
+def per_sensor(rule: object, what: str, value: float | dict[str | int, float], segments: Segments) -> np.ndarray:
     """Return one number >= 0 per sensor (S,) of one for all, or of a table by sensor (0 for those it leaves out)."""
     import numpy as np
 
     table = value if isinstance(value, dict) else dict.fromkeys(range(len(segments.names)), value)
-    found = np.zeros(len(segments.names))
+    numbers = np.zeros(len(segments.names))
     for sensor, number in table.items():
-        found[segments.sensor(rule, sensor)] = number
-    if not (np.isfinite(found).all() and (found >= 0).all()):
+        numbers[segments.sensor(rule, sensor)] = number
+    if not (np.isfinite(numbers).all() and (numbers >= 0).all()):
         raise InputError(f"{rule}: {what} is {value!r}: every number must be finite and at least 0")
-    return found
+    return numbers

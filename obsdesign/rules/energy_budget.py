@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_within
 from obsdesign.rules._given import Sensor, as_numbers
-from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms, each
+from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms, per_sensor
 
 
 @validate_arguments
@@ -35,6 +35,6 @@ class EnergyBudget(AbstractRule):
         return f"EnergyBudget of {self.limit:g}"
 
     def terms(self, segments: Segments) -> Terms:
-        cost, start = each(self, "cost", self.cost, segments), each(self, "start", self.start, segments)
+        cost, start = per_sensor(self, "cost", self.cost, segments), per_sensor(self, "start", self.start, segments)
         usage = cost[None].repeat(segments.count, axis=0)
         return Terms(resource=Resource(usage, start, float(self.limit)))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.rules._given import Sensor, as_sensors, listed
+from obsdesign.rules._given import Sensor, as_sensors, sensor_list
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
 if TYPE_CHECKING:
@@ -25,15 +25,15 @@ class Exclusive(AbstractRule):
     """Names or indices of two or more sensors."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "sensors", as_sensors("exclusive: sensors", self.sensors, least=2))
+        object.__setattr__(self, "sensors", as_sensors("exclusive: sensors", self.sensors, minimum=2))
 
     def __str__(self) -> str:
-        return f"Exclusive: {listed(self.sensors)}"
+        return f"Exclusive: {sensor_list(self.sensors)}"
 
     def terms(self, segments: Segments) -> Terms:
         group = segments.sensors(self, self.sensors)
 
-        def allowed(patterns: np.ndarray) -> np.ndarray:
+        def admissible(patterns: np.ndarray) -> np.ndarray:
             return patterns[:, list(group)].sum(axis=1) <= 1
 
-        return Terms(involved=group, allowed=allowed)
+        return Terms(sensors=group, admissible=admissible)

@@ -22,7 +22,7 @@ class MaxUses(AbstractRule):
     """The largest number of segments in which it is on."""
 
     def __post_init__(self) -> None:
-        require_count("max_uses: most", self.most, least=0)
+        require_count("max_uses: most", self.most, minimum=0)
 
     def __str__(self) -> str:
         return f"MaxUses: {self.sensor} in at most {self.most} segments"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
-from obsdesign.rules._given import Sensor, as_sensors, listed
+from obsdesign.rules._given import Sensor, as_sensors, sensor_list
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
 
@@ -29,7 +29,7 @@ class MinimumDwell(AbstractRule):
             object.__setattr__(self, "sensors", as_sensors("minimum_dwell: sensors", self.sensors))
 
     def __str__(self) -> str:
-        return f"MinimumDwell: {listed(self.sensors)} for at least {self.least} segments"
+        return f"MinimumDwell: {sensor_list(self.sensors)} for at least {self.least} segments"
 
     def terms(self, segments: Segments) -> Terms:
         import numpy as np

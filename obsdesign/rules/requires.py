@@ -35,9 +35,9 @@ class Requires(AbstractRule):
         return f"Requires: {self.sensor} only with {self.other}"
 
     def terms(self, segments: Segments) -> Terms:
-        sensor, other = segments.sensor(self, self.sensor), segments.sensor(self, self.other)
+        sensor, required = segments.sensor(self, self.sensor), segments.sensor(self, self.other)
 
-        def allowed(patterns: np.ndarray) -> np.ndarray:
-            return patterns[:, other] | ~patterns[:, sensor]
+        def admissible(patterns: np.ndarray) -> np.ndarray:
+            return patterns[:, required] | ~patterns[:, sensor]
 
-        return Terms(involved=(sensor, other), allowed=allowed)
+        return Terms(sensors=(sensor, required), admissible=admissible)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.rules._given import Sensor, as_numbers
-from obsdesign.rules.abstract import AbstractRule, Segments, Terms, each
+from obsdesign.rules.abstract import AbstractRule, Segments, Terms, per_sensor
 
 
 @validate_arguments
@@ -28,4 +28,4 @@ class SwitchingCost(AbstractRule):
         return "SwitchingCost"
 
     def terms(self, segments: Segments) -> Terms:
-        return Terms(switching=each(self, "cost", self.cost, segments))
+        return Terms(switching=per_sensor(self, "cost", self.cost, segments))

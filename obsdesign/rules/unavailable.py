@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
-from obsdesign.rules._given import Sensor, listed
+from obsdesign.rules._given import Sensor, sensor_list
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 
 
@@ -26,17 +26,17 @@ class Unavailable(AbstractRule):
     def __post_init__(self) -> None:
         object.__setattr__(self, "segments", tuple(self.segments))
         for segment in self.segments:
-            require_count("unavailable: segment", segment, least=0)
+            require_count("unavailable: segment", segment, minimum=0)
 
     def __str__(self) -> str:
-        few = self.segments if len(self.segments) <= 6 else (*self.segments[:5], "...")
-        return f"Unavailable: {self.sensor} in segments {listed(str(each) for each in few)}"
+        shown = self.segments if len(self.segments) <= 6 else (*self.segments[:5], "...")
+        return f"Unavailable: {self.sensor} in segments {sensor_list(str(segment) for segment in shown)}"
 
     def terms(self, segments: Segments) -> Terms:
         import numpy as np
 
         for segment in self.segments:
-            require_count(f"{self}: segment", segment, least=0, most=segments.count - 1)
+            require_count(f"{self}: segment", segment, minimum=0, maximum=segments.count - 1)
         available = np.ones((segments.count, len(segments.names)), dtype=bool)
         available[list(self.segments), segments.sensor(self, self.sensor)] = False
         return Terms(available=available)

@@ -12,16 +12,16 @@ from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import Grid
-from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
-from obsdesign.scenario.rule_problems import rule_problems
+from obsdesign.scenario.problem_text import Location, Problem, message_for_unknown_key, message_for_unknown_name
+from obsdesign.scenario.rule_problems import find_rule_problems
 from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE, Leg, Scenario
 
 _OF_GIVEN_PATHS = ("criterion", "about", "suites", "constraints")  # keys of [design] that hold for them too
-_MOST_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory
-_ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
+_MAX_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory
+_TOLERANCE = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
-def contradictions(scenario: Scenario) -> Iterator[Problem]:
+def find_contradictions(scenario: Scenario) -> Iterator[Problem]:
     """Yield what is wrong between values that are each acceptable."""
     if excess := list(_size_problems(scenario)):
         yield from excess  # nothing else could be looked at in finite time
@@ -30,23 +30,23 @@ def contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
     yield from _selection_problems(scenario)
-    yield from rule_problems(scenario)
-    yield from _given_problems(scenario)
+    yield from find_rule_problems(scenario)
+    yield from _path_source_problems(scenario)
     yield from _criterion_problems(scenario)
     yield from _baseline_problems(scenario)
     yield from _time_problems(scenario)
     yield from _range_problems(scenario)
     yield from _flight_problems(scenario)
     yield from _codesign_problems(scenario)
-    yield from _place_problems(scenario)
+    yield from _position_problems(scenario)
     yield from _constraint_problems(scenario)
 
 
 def _size_problems(scenario: Scenario) -> Iterator[Problem]:
     time = scenario.time
     for what, length in (("step", time.step), ("segment", time.segment)):
-        if time.duration / length > _MOST_STEPS:
-            message = f"is {time.duration:g} s: must be at most {_MOST_STEPS} {what}s of {length:g} s"
+        if time.duration / length > _MAX_STEPS:
+            message = f"is {time.duration:g} s: must be at most {_MAX_STEPS} {what}s of {length:g} s"
             yield Problem(("time", "duration"), message)
 
 
@@ -58,21 +58,21 @@ def _name_problems(scenario: Scenario) -> Iterator[Problem]:
         (("process_noise",), tuple(scenario.process_noise), states, False),
         (("design", "bounds"), tuple(scenario.design.bounds), inputs, scenario.design.path is not None),
         (("design", "rates"), tuple(scenario.design.rates), inputs, False),
-        *((("manoeuvres", i, "held"), tuple(each.held), inputs, False) for i, each in enumerate(scenario.manoeuvres)),
-        *((("baselines", i, "inputs"), tuple(each.inputs), inputs, False) for i, each in enumerate(scenario.baselines)),
-        *((place, tuple(leg.inputs), inputs, False) for place, leg in _legs(scenario)),
-        *((place, tuple(name for name, _ in cost.weights), inputs, False) for place, cost in _efforts(scenario)),
+        *((("manoeuvres", i, "held"), tuple(manoeuvre.held), inputs, False) for i, manoeuvre in enumerate(scenario.manoeuvres)),
+        *((("baselines", i, "inputs"), tuple(baseline.inputs), inputs, False) for i, baseline in enumerate(scenario.baselines)),
+        *((leg_location, tuple(leg.inputs), inputs, False) for leg_location, leg in _legs(scenario)),
+        *((effort_location, tuple(name for name, _ in cost.weights), inputs, False) for effort_location, cost in _efforts(scenario)),
     ]
     for location, given, accepted, complete in tables:
-        yield from (Problem((*location, key), unknown_key(key, accepted)) for key in given if key not in accepted)
+        yield from (Problem((*location, key), message_for_unknown_key(key, accepted)) for key in given if key not in accepted)
         yield from (Problem((*location, key), "missing key") for key in accepted if complete and key not in given)
 
 
 def _efforts(scenario: Scenario) -> Iterator[tuple[Location, Effort]]:
     for key in ("prices", "budgets"):
-        for i, each in enumerate(getattr(scenario.design, key)):
-            if isinstance(each.cost, Effort):
-                yield ("design", key, i, "weights"), each.cost
+        for i, table in enumerate(getattr(scenario.design, key)):
+            if isinstance(table.cost, Effort):
+                yield ("design", key, i, "weights"), table.cost
 
 
 def _legs(scenario: Scenario) -> Iterator[tuple[Location, Leg]]:
@@ -92,7 +92,7 @@ def _value_problems(scenario: Scenario) -> Iterator[Problem]:
 
 def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
     if scenario.design.criterion not in kinds(obsdesign.criteria):
-        yield Problem(("design", "criterion"), unknown_name(scenario.design.criterion, kinds(obsdesign.criteria)))
+        yield Problem(("design", "criterion"), message_for_unknown_name(scenario.design.criterion, kinds(obsdesign.criteria)))
     for i, suite in enumerate(scenario.design.suites):
         yield from _list_problems(("design", "suites", i), suite, scenario.sensor_names)
     yield from _list_problems(("design", "about"), scenario.design.about, scenario.state_names)
@@ -100,22 +100,22 @@ def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[str]) -> Iterator[Problem]:
-    yield from (Problem(location, unknown_name(name, accepted)) for name in names if name not in accepted)
+    yield from (Problem(location, message_for_unknown_name(name, accepted)) for name in names if name not in accepted)
     yield from (Problem(location, f"names {name!r} twice") for i, name in enumerate(names) if name in names[:i])
 
 
 def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
-    asked, sensors = scenario.selection, len(scenario.sensors)
-    each, naive = asked.per_segment, asked.naive
+    settings, sensors = scenario.selection, len(scenario.sensors)
+    per_segment, naive = settings.per_segment, settings.naive
     criteria = [kind for kind in kinds(obsdesign.criteria) if kind != "posterior"]  # which is no sum over sensors
-    if asked.criterion not in criteria:
-        yield Problem(("selection", "criterion"), unknown_name(asked.criterion, criteria))
-    if asked.robust_to >= sensors:
-        yield Problem(("selection", "robust_to"), f"is {asked.robust_to}: must be below the number of sensors, {sensors}")
-    if each > sensors:
-        yield Problem(("selection", "per_segment"), f"is {each}: must be at most the number of sensors, {sensors}")
-    if len(naive) > each:
-        yield Problem(("selection", "naive"), f"is {', '.join(naive)}: must be at most per_segment sensors, {each}")
+    if settings.criterion not in criteria:
+        yield Problem(("selection", "criterion"), message_for_unknown_name(settings.criterion, criteria))
+    if settings.robust_to >= sensors:
+        yield Problem(("selection", "robust_to"), f"is {settings.robust_to}: must be below the number of sensors, {sensors}")
+    if per_segment > sensors:
+        yield Problem(("selection", "per_segment"), f"is {per_segment}: must be at most the number of sensors, {sensors}")
+    if len(naive) > per_segment:
+        yield Problem(("selection", "naive"), f"is {', '.join(naive)}: must be at most per_segment sensors, {per_segment}")
 
 
 def _criterion_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -129,16 +129,18 @@ def _criterion_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("design", "evidence"), message)
 
 
-def _given_problems(scenario: Scenario) -> Iterator[Problem]:
+def _path_source_problems(scenario: Scenario) -> Iterator[Problem]:
     """Paths are designed or given, not both."""
     if scenario.design.path is None and not scenario.paths:
         yield Problem(("design", "path") if "design" in scenario.model_fields_set else ("design",), "missing key")
     if scenario.design.path is not None and scenario.paths:
         yield Problem(("paths",), "does not go with design.path: paths are designed or given; [[baselines]] are compared with a design")
     if scenario.paths:
-        idle = [("design", key) for key in sorted(scenario.design.model_fields_set - set(_OF_GIVEN_PATHS))]
-        idle += [(key,) for key in ("baselines", "flight", "codesign") if getattr(scenario, key)]
-        yield from (Problem(place, "does not go with [[paths]]: nothing is designed") for place in idle if place != ("design", "path"))
+        unused = [("design", key) for key in sorted(scenario.design.model_fields_set - set(_OF_GIVEN_PATHS))]
+        unused += [(key,) for key in ("baselines", "flight", "codesign") if getattr(scenario, key)]
+        yield from (
+            Problem(location, "does not go with [[paths]]: nothing is designed") for location in unused if location != ("design", "path")
+        )
     names = [path.name for path in scenario.paths]
     for i, path in enumerate(scenario.paths):
         if path.name in names[:i]:
@@ -153,12 +155,12 @@ def _leg_problems(scenario: Scenario, i: int) -> Iterator[Problem]:
             message = f"is {leg.seconds:g} s: must be a whole multiple of the step, {time.step:g} s"
             yield Problem(("paths", i, "legs", j, "seconds"), message)
     total = sum(leg.seconds for leg in legs)
-    if abs(total - time.duration) > _ROUNDING * time.duration:
+    if abs(total - time.duration) > _TOLERANCE * time.duration:
         yield Problem(("paths", i, "legs"), f"take {total:g} s: must be time.duration, {time.duration:g} s")
 
 
 def _baseline_problems(scenario: Scenario) -> Iterator[Problem]:
-    names = [each.name for each in scenario.baselines]
+    names = [baseline.name for baseline in scenario.baselines]
     for i, name in enumerate(names):
         if name in names[:i]:
             yield Problem(("baselines", i, "name"), f"is {name!r}: another baseline has that name")
@@ -217,8 +219,8 @@ def _codesign_problems(scenario: Scenario) -> Iterator[Problem]:
     if scenario.codesign is None:
         return
     design, selection = scenario.design, scenario.selection
-    known = {"about": design.about, "floor": design.floor, "robust": design.robust, "shortest": design.shortest}
-    for key in (key for key, value in known.items() if value):
+    unsupported = {"about": design.about, "floor": design.floor, "robust": design.robust, "shortest": design.shortest}
+    for key in (key for key, value in unsupported.items() if value):
         yield Problem(("design", key), "does not go with [codesign]: a selection of sensors does not know of it")
     if selection.criterion != design.criterion:
         yield Problem(("selection", "criterion"), f"is {selection.criterion}: [codesign] needs that of the design, {design.criterion}")
@@ -244,7 +246,7 @@ def _flight_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("design", "shortest"), "does not go with [flight]: a plan needs one duration")
 
 
-def _place_problems(scenario: Scenario) -> Iterator[Problem]:
+def _position_problems(scenario: Scenario) -> Iterator[Problem]:
     if not {"x", "y"} <= scenario.start.keys():
         return
     x, y = scenario.start["x"], scenario.start["y"]
@@ -267,7 +269,7 @@ def _start_problems(scenario: Scenario, start: Moment) -> Iterator[Problem]:
         except InputError as error:  # the landmarks do not suit it
             yield Problem(("design", "constraints", i), str(error))
             continue
-        if margin < -_ROUNDING:
+        if margin < -_TOLERANCE:
             size, unit = constraint.size
             where = ", ".join(f"{name} = {start.state[name]:g}" for name in constraint.states)
             yield Problem(("design", "constraints", i), f"is violated by the start ({where}) by {-margin * size:.3g} {unit} ({constraint})")

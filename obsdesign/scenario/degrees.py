@@ -11,18 +11,18 @@ if TYPE_CHECKING:
 
 SUFFIX = "_deg"
 _SPREADS = ("sigma", "bias_floor", "sigma_per_metre")  # in the unit of what a sensor measures
-_OTHERS = ("rate", "inflation", "correlation", "max_range", "beacon")  # of a sensor
+_NOT_IN_SENSOR_UNIT = ("rate", "inflation", "correlation", "max_range", "beacon")  # of a sensor
 _NO_ANGLES = ("vehicle", "time", "path", "prices", "budgets", "floor", "robust", "flight", "validation", "selection")
 
 
 def in_radians(value: Any) -> Any:  # noqa: ANN401  # whatever TOML can hold
     """Return TOML data with every number under a key that ends in _deg converted to radians, under the key without it."""
     if isinstance(value, Mapping):
-        return {_without(key, item): _converted(key, item) for key, item in value.items()}
+        return {_without(key, item): _convert(key, item) for key, item in value.items()}
     return [in_radians(item) for item in value] if isinstance(value, list) else value
 
 
-def no_angles(data: Mapping[str, Any], scenario: Scenario) -> Iterator[tuple[str | int, ...]]:
+def non_angles(data: Mapping[str, Any], scenario: Scenario) -> Iterator[tuple[str | int, ...]]:
     """Yield where the data of a valid scenario give something in degrees that is no angle."""
     for location in _in_degrees(data, ()):
         if not _may_be_angle(scenario, location):
@@ -43,7 +43,7 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     unit = next((signal.unit for signal in signals if signal.name == name), "rad")
     if location[0] == "sensors":
         measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
-        return name not in _OTHERS and (measures_angles or name not in _SPREADS)
+        return name not in _NOT_IN_SENSOR_UNIT and (measures_angles or name not in _SPREADS)
     return unit.startswith("rad") and not set(_NO_ANGLES) & set(location[:-1])
 
 
@@ -56,7 +56,7 @@ def _without(key: str, item: Any) -> str:  # noqa: ANN401
     return key.removesuffix(SUFFIX) if _is_angle(item) else key
 
 
-def _converted(key: str, item: Any) -> Any:  # noqa: ANN401
+def _convert(key: str, item: Any) -> Any:  # noqa: ANN401
     if not (key.endswith(SUFFIX) and _is_angle(item)):
         return in_radians(item)
     return [math.radians(number) for number in item] if isinstance(item, list) else math.radians(item)

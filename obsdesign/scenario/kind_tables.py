@@ -38,20 +38,24 @@ def family_of(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run
     def without_kind(table: dict[str, Any]) -> dict[str, Any]:
         return {key: _tuples(value, tables=rules) for key, value in table.items() if key != "kind"}
 
-    members = [Annotated[LEAVES[kind], BeforeValidator(without_kind), _Kind(kind, angles=not rules), Tag(kind)] for kind in kinds(package)]
+    members = [
+        Annotated[LEAVES[kind], BeforeValidator(without_kind), _KindSchema(kind, angles=not rules), Tag(kind)] for kind in kinds(package)
+    ]
     # a second, empty tag: a union of one member is no union
     return Annotated[Union[(*members, Annotated[None, Tag("")])], Discriminator(kind_of)]
 
 
-def flat(own: str) -> tuple[Any, ...]:
-    """Return what reads a table of a cost's keys and `own` into one of `cost` and `own`."""
+def flat_table(amount_key: str) -> tuple[Any, ...]:
+    """Return what reads a table of a cost's keys and `amount_key` into one of `cost` and `amount_key`."""
 
-    def apart(table: Any) -> Any:  # noqa: ANN401
+    def split(table: Any) -> Any:  # noqa: ANN401
         if not isinstance(table, dict):
             return table
-        return {key: table[key] for key in (own,) if key in table} | {COST: {key: item for key, item in table.items() if key != own}}
+        return {key: table[key] for key in (amount_key,) if key in table} | {
+            COST: {key: item for key, item in table.items() if key != amount_key}
+        }
 
-    return BeforeValidator(apart), _Flat(own)
+    return BeforeValidator(split), _FlatSchema(amount_key)
 
 
 def _tuples(value: Any, tables: bool = False) -> Any:  # noqa: ANN401
@@ -61,15 +65,15 @@ def _tuples(value: Any, tables: bool = False) -> Any:  # noqa: ANN401
 
 
 @dataclass(frozen=True)
-class _Kind:
+class _KindSchema:
     """Makes a leaf's JSON Schema that of its table in a file: with the key `kind`, numbers also in degrees, pairs as a table."""
 
     kind: str
     angles: bool = True
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
-        found = handler(core)
-        table = handler.resolve_ref_schema(found)
+        schema = handler(core)
+        table = handler.resolve_ref_schema(schema)
         if "kind" not in table["properties"]:
             properties = {key: _as_table(item) for key, item in table["properties"].items()}
             degrees = {f"{key}_deg": item for key, item in properties.items() if self.angles and _is_number(item)}
@@ -78,32 +82,32 @@ class _Kind:
             either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}_deg"]}]} for key in required if key not in needed]
             table |= {"properties": {"kind": {"const": self.kind}} | properties | degrees, "required": ["kind", *needed]}
             table |= {"allOf": either} if either else {}
-        return found
+        return schema
 
 
 def _is_number(schema: _Json) -> bool:
-    return any(each.get("type") == "number" for each in (schema, *schema.get("anyOf", ())))
+    return any(option.get("type") == "number" for option in (schema, *schema.get("anyOf", ())))
 
 
 def _as_table(schema: _Json) -> _Json:
     pair = schema.get("items", {}).get("prefixItems", [])
-    named = [each.get("type") for each in pair] == ["string", "number"]
+    named = [item.get("type") for item in pair] == ["string", "number"]
     return {"type": "object", "additionalProperties": pair[1]} if named else schema
 
 
 @dataclass(frozen=True)
-class _Flat:
+class _FlatSchema:
     """Describes a cost and what it counts for as the one table that they are in a file."""
 
-    own: str
+    amount_key: str
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
         table = handler.resolve_ref_schema(handler(core))
-        own = table["properties"][self.own]
+        amount_schema = table["properties"][self.amount_key]
         members = next(value for key, value in table["properties"][COST].items() if key in ("anyOf", "oneOf"))
         leaves = [handler.resolve_ref_schema(member) for member in members if "$ref" in member]
-        return {"anyOf": [_with(each, self.own, own) for each in leaves]}
+        return {"anyOf": [_add_property(member_schema, self.amount_key, amount_schema) for member_schema in leaves]}
 
 
-def _with(leaf_schema: _Json, key: str, value: _Json) -> _Json:
+def _add_property(leaf_schema: _Json, key: str, value: _Json) -> _Json:
     return leaf_schema | {"properties": leaf_schema["properties"] | {key: value}, "required": [*leaf_schema["required"], key]}

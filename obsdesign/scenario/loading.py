@@ -14,14 +14,14 @@ from pydantic import BaseModel, ValidationError
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
-from obsdesign.scenario.contradictions import contradictions
-from obsdesign.scenario.degrees import in_radians, no_angles
+from obsdesign.scenario.contradictions import find_contradictions
+from obsdesign.scenario.degrees import in_radians, non_angles
 from obsdesign.scenario.kind_tables import COST, LEAVES
-from obsdesign.scenario.problem_text import Location, Problem, described, in_file, of_another_type, unknown_key
+from obsdesign.scenario.problem_text import Location, Problem, describe_error, in_file, message_for_unknown_key, of_another_type
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.sizes import too_large
 
-_OWN = ("file", "digest")  # fields of the record that are no keys of the file
+_INTERNAL_FIELDS = ("file", "digest")  # fields of the record that are no keys of the file
 
 
 @validate_arguments
@@ -43,16 +43,16 @@ def load_scenario(file: str | Path) -> Scenario:
         raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
-    own = [Problem((key,), unknown_key(key, _keys_at(()))) for key in _OWN if key in data]
-    scenario, problems = _validated(data, str(file), hashlib.sha256(content).hexdigest())
-    problems = own + problems
+    reserved_keys = [Problem((key,), message_for_unknown_key(key, _keys_at(()))) for key in _INTERNAL_FIELDS if key in data]
+    scenario, problems = _validate(data, str(file), hashlib.sha256(content).hexdigest())
+    problems = reserved_keys + problems
     if scenario is None or problems:
         count = "" if len(problems) == 1 else f" {len(problems)} problems"
         raise ScenarioError(f"{file}:{count}" + "".join(f"\n  {problem}" for problem in problems))
     return scenario
 
 
-def _validated(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario | None, list[Problem]]:
+def _validate(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario | None, list[Problem]]:
     oversized = list(too_large(data))
     if oversized:
         return None, oversized
@@ -61,9 +61,9 @@ def _validated(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario |
         text = json.dumps({**in_radians(data), "file": file, "digest": digest}, default=str)
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
-        return None, [described(each, data, _keys_at) for each in error.errors() if not of_another_type(each, data)]
-    wrong = [Problem(location, "is given in degrees: is no angle") for location in no_angles(data, scenario)]
-    return scenario, wrong + [Problem(in_file(problem.location, data), problem.message) for problem in contradictions(scenario)]
+        return None, [describe_error(detail, data, _keys_at) for detail in error.errors() if not of_another_type(detail, data)]
+    wrong = [Problem(location, "is given in degrees: is no angle") for location in non_angles(data, scenario)]
+    return scenario, wrong + [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario)]
 
 
 def _keys_at(location: Location) -> Sequence[str]:
@@ -78,12 +78,16 @@ def _keys_at(location: Location) -> Sequence[str]:
             table = _table_in(table.model_fields[part].annotation)
     if is_dataclass(table):
         return ("kind", *(field.name for field in fields(table)), *beside)
-    return [key for key in table.model_fields if key not in _OWN] if isinstance(table, type) and issubclass(table, BaseModel) else ()
+    return (
+        [key for key in table.model_fields if key not in _INTERNAL_FIELDS]
+        if isinstance(table, type) and issubclass(table, BaseModel)
+        else ()
+    )
 
 
 def _table_in(annotation: Any) -> Any:  # noqa: ANN401
     """The model inside an annotation such as tuple[Model, ...]."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    inner = [found for part in get_args(annotation) if isinstance(found := _table_in(part), type) and issubclass(found, BaseModel)]
+    inner = [model for part in get_args(annotation) if isinstance(model := _table_in(part), type) and issubclass(model, BaseModel)]
     return inner[0] if inner else annotation

@@ -24,33 +24,33 @@ class Problem:
     message: str
 
     def __str__(self) -> str:
-        return f"{spelled(self.location)}: {self.message}"
+        return f"{location_text(self.location)}: {self.message}"
 
 
-def spelled(location: Location) -> str:
+def location_text(location: Location) -> str:
     """Return a location as it would be written: sensors[0].sigma."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
     return text.removeprefix(".") or "scenario"
 
 
-def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Problem:  # noqa: ANN401
+def describe_error(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Problem:  # noqa: ANN401
     """Return a pydantic error as a Problem of the TOML data it came from."""
     location, kind = in_file(error["loc"], data), error["type"]
     value = _at(data, location)
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        return Problem(location, unknown_key(str(location[-1]), [key for key in accepted(error["loc"][:-1]) if key]))
+        return Problem(location, message_for_unknown_key(str(location[-1]), [key for key in accepted(error["loc"][:-1]) if key]))
     if kind.startswith("missing"):
         return Problem(location, "missing key")
     if kind == "union_tag_not_found":
         return Problem((*location, "kind"), "missing key")
     if kind == "union_tag_invalid":
         choices = [tag for tag in (part.strip("' ") for part in error["ctx"]["expected_tags"].split(",")) if tag]
-        return Problem((*location, "kind"), unknown_name(error["ctx"]["tag"], choices))
+        return Problem((*location, "kind"), message_for_unknown_name(error["ctx"]["tag"], choices))
     if kind == "value_error":
-        said, written = str(error["ctx"]["error"]), value.items() if isinstance(value, Mapping) else ()
-        degrees = [f"{key} = {item}" for key, item in written if key.endswith(SUFFIX) and key.removesuffix(SUFFIX) in said]
+        reason, written = str(error["ctx"]["error"]), value.items() if isinstance(value, Mapping) else ()
+        degrees = [f"{key} = {item}" for key, item in written if key.endswith(SUFFIX) and key.removesuffix(SUFFIX) in reason]
         given = f" (given as {', '.join(degrees)})" if degrees else ""
-        return Problem(location, said + given)
+        return Problem(location, reason + given)
     message = error["msg"].replace("Input should be", "must be")
     return Problem(location, f"is {value!r}: {message[:1].lower()}{message[1:]}")
 
@@ -58,20 +58,20 @@ def described(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Pr
 def of_another_type(error: Mapping[str, Any], data: Any) -> bool:  # noqa: ANN401
     """Whether an error of a value that may be a number or a table is about the one that was not given."""
     location = error["loc"]
-    for place, part in enumerate(location):
+    for index, part in enumerate(location):
         if _is_type(part):
-            return isinstance(_at(data, in_file(location[:place], data)), Mapping) != str(part).startswith(_TABLE)
+            return isinstance(_at(data, in_file(location[:index], data)), Mapping) != str(part).startswith(_TABLE)
     return False
 
 
-def unknown_key(key: str, accepted: Sequence[str]) -> str:
+def message_for_unknown_key(key: str, accepted: Sequence[str]) -> str:
     """Return what to say of a key that nobody knows."""
     near = difflib.get_close_matches(key.removesuffix(SUFFIX), accepted, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"unknown key{hint} (accepted: {', '.join(accepted) or 'none'})"
 
 
-def unknown_name(name: str, accepted: Sequence[str]) -> str:
+def message_for_unknown_name(name: str, accepted: Sequence[str]) -> str:
     """Return what to say of a value that must be one of several names."""
     near = difflib.get_close_matches(name, accepted, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -80,16 +80,16 @@ def unknown_name(name: str, accepted: Sequence[str]) -> str:
 
 def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
     """Return the location as it stands in the file: without the tags of unions and tables made here, with _deg where that was written."""
-    found: list[str | int] = []
-    for place, part in enumerate(location):
+    file_location: list[str | int] = []
+    for index, part in enumerate(location):
         if _is_type(part) and not (isinstance(data, Mapping) and part in data):
             continue
         if isinstance(data, Mapping) and (part == data.get("kind") or (part == COST and COST not in data)):
             continue
         in_degrees = isinstance(data, Mapping) and part not in data and f"{part}{SUFFIX}" in data
-        found.append(f"{part}{SUFFIX}" if in_degrees else part)
-        data = _at(data, (found[-1],)) if place < len(location) - 1 else data
-    return tuple(found)
+        file_location.append(f"{part}{SUFFIX}" if in_degrees else part)
+        data = _at(data, (file_location[-1],)) if index < len(location) - 1 else data
+    return tuple(file_location)
 
 
 def _is_type(part: str | int) -> bool:

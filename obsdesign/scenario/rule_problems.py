@@ -13,17 +13,17 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.rules.unavailable_between import UnavailableBetween
 from obsdesign.rules.unavailable_outside import UnavailableOutside
-from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
+from obsdesign.scenario.problem_text import Location, Problem, message_for_unknown_key, message_for_unknown_name
 
 if TYPE_CHECKING:
     from obsdesign.scenario.schema import Scenario
 
-_NAMING = ("sensor", "other", "sensors")  # keys that name sensors
-_TABLES = ("cost", "start")  # and those that may be tables by sensor
-_MANY = 5_000  # sets of sensors that are looked at
+_SENSOR_KEYS = ("sensor", "other", "sensors")  # keys that name sensors
+_TABLE_KEYS = ("cost", "start")  # and those that may be tables by sensor
+_MAX_SUBSETS = 5_000  # sets of sensors that are looked at
 
 
-def rule_problems(scenario: Scenario) -> Iterator[Problem]:
+def find_rule_problems(scenario: Scenario) -> Iterator[Problem]:
     """Yield what is wrong with the rules of a scenario."""
     rules = scenario.selection.rules
     unknown = [problem for i, rule in enumerate(rules) for problem in _name_problems(scenario, i, rule)]
@@ -33,27 +33,27 @@ def rule_problems(scenario: Scenario) -> Iterator[Problem]:
         return
     terms: list[Terms] = []
     for i, rule in enumerate(rules):
-        place: Location = ("selection", "rules", i)
+        location: Location = ("selection", "rules", i)
         try:
             terms.append(_terms(scenario, rule))
         except InputError as error:
-            yield Problem(place, str(error))
+            yield Problem(location, str(error))
             return
-        yield from (Problem((*place, *key), message) for key, message in _room_problems(scenario, rule, terms[-1]))
-    yield from _together(scenario, terms)
+        yield from (Problem((*location, *key), message) for key, message in _budget_problems(scenario, rule, terms[-1]))
+    yield from _combination_problems(scenario, terms)
 
 
 def _name_problems(scenario: Scenario, i: int, rule: AbstractRule) -> Iterator[Problem]:
-    names, own = scenario.sensor_names, {field.name for field in fields(rule)}  # pyright: ignore[reportArgumentType]
-    for key in own & set(_NAMING):
+    names, field_names = scenario.sensor_names, {field.name for field in fields(rule)}  # pyright: ignore[reportArgumentType]
+    for key in field_names & set(_SENSOR_KEYS):
         given = getattr(rule, key)
-        for each in given if isinstance(given, tuple) else (given,):
-            if each is not None and each not in names:
-                yield Problem(("selection", "rules", i, key), unknown_name(str(each), names))
-    for key in own & set(_TABLES):
+        for sensor in given if isinstance(given, tuple) else (given,):
+            if sensor is not None and sensor not in names:
+                yield Problem(("selection", "rules", i, key), message_for_unknown_name(str(sensor), names))
+    for key in field_names & set(_TABLE_KEYS):
         table = getattr(rule, key)
-        wrong = [each for each in table if each not in names] if isinstance(table, Mapping) else []
-        yield from (Problem(("selection", "rules", i, key, str(each)), unknown_key(str(each), names)) for each in wrong)
+        wrong = [sensor for sensor in table if sensor not in names] if isinstance(table, Mapping) else []
+        yield from (Problem(("selection", "rules", i, key, str(sensor)), message_for_unknown_key(str(sensor), names)) for sensor in wrong)
 
 
 def _pareto_problems(scenario: Scenario) -> Iterator[Problem]:
@@ -83,38 +83,39 @@ def _segments(scenario: Scenario) -> int:
     return max(1, ceil(scenario.time.duration / scenario.time.segment - 1e-9))
 
 
-def _room_problems(scenario: Scenario, rule: AbstractRule, terms: Terms) -> Iterator[tuple[Location, str]]:
+def _budget_problems(scenario: Scenario, rule: AbstractRule, terms: Terms) -> Iterator[tuple[Location, str]]:
     if isinstance(rule, UnavailableBetween) and rule.first >= scenario.time.duration:
         yield ("first",), f"is {rule.first:g} s: must be before the end of the path, {scenario.time.duration:g} s"
     resource = terms.resource
     if isinstance(rule, EnergyBudget) and resource is not None:
-        least = float((resource.usage + resource.start).min())
-        if least > resource.limit:
-            yield ("limit",), f"is {rule.limit:g}: must be at least what the cheapest sensor takes in one segment, {least:g}"
+        smallest_usage = float((resource.usage + resource.start).min())
+        if smallest_usage > resource.limit:
+            yield ("limit",), f"is {rule.limit:g}: must be at least what the cheapest sensor takes in one segment, {smallest_usage:g}"
 
 
-def _together(scenario: Scenario, terms: list[Terms]) -> Iterator[Problem]:
+def _combination_problems(scenario: Scenario, terms: list[Terms]) -> Iterator[Problem]:
     """Rules that leave a segment without any sensor, or a sensor without any use."""
     import numpy as np
 
-    asked, names = scenario.selection, scenario.sensor_names
-    masks = [each.available for each in terms if each.available is not None]
+    settings, names = scenario.selection, scenario.sensor_names
+    masks = [term.available for term in terms if term.available is not None]
     available = np.logical_and.reduce(masks) if masks else np.ones((_segments(scenario), len(names)), dtype=bool)
-    if sum(comb(len(names), size) for size in range(1, asked.per_segment + 1)) > _MANY:
+    if sum(comb(len(names), size) for size in range(1, settings.per_segment + 1)) > _MAX_SUBSETS:
         return
-    subsets = [subset for size in range(1, asked.per_segment + 1) for subset in combinations(range(len(names)), size)]
+    subsets = [subset for size in range(1, settings.per_segment + 1) for subset in combinations(range(len(names)), size)]
     patterns = np.array([[s in subset for s in range(len(names))] for subset in subsets])
-    for each in terms:
-        if each.allowed is not None:
-            patterns = patterns[each.allowed(patterns)]
-    never = [name for name, used in zip(names, np.any(patterns, axis=0).tolist(), strict=True) if not used]
-    if never:
+    for term in terms:
+        if term.admissible is not None:
+            patterns = patterns[term.admissible(patterns)]
+    unusable = [name for name, used in zip(names, np.any(patterns, axis=0).tolist(), strict=True) if not used]
+    if unusable:
         yield Problem(
-            ("selection", "rules"), f"{never[0]} can never be on, with {asked.per_segment} per segment: the rules contradict each other"
+            ("selection", "rules"),
+            f"{unusable[0]} can never be on, with {settings.per_segment} per segment: the rules contradict each other",
         )
         return
     possible = (~available).astype(float) @ patterns.T == 0
     empty = np.flatnonzero(~possible.any(axis=1))
     if len(empty):
-        more = f" and {len(empty) - 1} more" if len(empty) > 1 else ""
-        yield Problem(("selection", "rules"), f"leave no sensor that may be on in segment {empty[0]}{more}")
+        suffix = f" and {len(empty) - 1} more" if len(empty) > 1 else ""
+        yield Problem(("selection", "rules"), f"leave no sensor that may be on in segment {empty[0]}{suffix}")

@@ -15,7 +15,7 @@ import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import leaf
-from obsdesign.scenario.kind_tables import family_of, flat
+from obsdesign.scenario.kind_tables import family_of, flat_table
 from obsdesign.sensors.abstract import distinct_names
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from obsdesign.prior import Prior
 
 
-class _Table(BaseModel):
+class _ScenarioTable(BaseModel):
     """A table of the file: no unknown keys, no NaN, no silent conversion."""
 
     # built once, as part of the whole scenario, when first used
@@ -35,7 +35,7 @@ GIVEN = "given"  # and one that was read from a file
 Positive = Annotated[float, Field(gt=0)]
 
 
-class Time(_Table):
+class Time(_ScenarioTable):
     """How long, in which steps, and how long a sensor stays chosen; all in seconds."""
 
     duration: float = Field(gt=0, description="length of the path [s]")
@@ -44,56 +44,56 @@ class Time(_Table):
     tolerance: float = Field(default=1e-6, gt=0, lt=1, description="relative error that the steps may have; sub-steps are made to meet it")
 
 
-class Manoeuvre(_Table):
+class Manoeuvre(_ScenarioTable):
     """A way of moving for which the observable space is computed: known inputs held at a value."""
 
     name: str
     held: dict[str, float] = {}
 
 
-class Baseline(_Table):
+class Baseline(_ScenarioTable):
     """A path to compare with: inputs held from start to end; those not named stay as near 0 as their bounds allow."""
 
     name: str = Field(min_length=1)
     inputs: dict[str, float]
 
 
-class Leg(_Table):
+class Leg(_ScenarioTable):
     """A stretch of a given path: inputs held for so many seconds; those not named are 0."""
 
     seconds: float = Field(gt=0, description="[s]")
     inputs: dict[str, float] = {}
 
 
-class GivenPath(_Table):
+class GivenPath(_ScenarioTable):
     """A path that is given instead of designed: from the start, leg by leg, time.duration in all."""
 
     name: str = Field(min_length=1)
     legs: tuple[Leg, ...] = Field(min_length=1)
 
 
-class PriceTable(_Table):
+class PriceTable(_ScenarioTable):
     """The criterion loses `per_unit` for every unit of a cost."""
 
     cost: family_of(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
     per_unit: float = Field(gt=0)
 
 
-class BudgetTable(_Table):
+class BudgetTable(_ScenarioTable):
     """A cost is at most `at_most`, in its unit."""
 
     cost: family_of(obsdesign.costs)  # pyright: ignore[reportInvalidTypeForm]
     at_most: float = Field(gt=0)
 
 
-class FloorTable(_Table):
+class FloorTable(_ScenarioTable):
     """Every stretch of the path of so many seconds knows at least `value` of every combination of states."""
 
     seconds: float = Field(gt=0, description="length of a stretch [s]")
     value: float = Field(gt=0, description="least lambda_min of S W S of a stretch")
 
 
-class RobustTable(_Table):
+class RobustTable(_ScenarioTable):
     """Judge the path from draws of the scenario's prior about the start."""
 
     samples: int = Field(default=16, ge=1)
@@ -101,7 +101,7 @@ class RobustTable(_Table):
     seed: int = Field(default=0, ge=0)
 
 
-class DesignTable(_Table):
+class DesignTable(_ScenarioTable):
     """How to move: what is varied, within which limits, judged by what; where paths are given, by what they are judged."""
 
     path: family_of(obsdesign.paths) | None = Field(  # pyright: ignore[reportInvalidTypeForm]
@@ -116,8 +116,8 @@ class DesignTable(_Table):
     shortest: float | None = Field(default=None, gt=0, description="the path may be as short as this [s]; default: time.duration")
     suites: tuple[tuple[str, ...], ...] = Field(default=(), description="sensor suites to report beside all sensors")
     constraints: tuple[family_of(obsdesign.constraints), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
-    prices: tuple[Annotated[PriceTable, *flat("per_unit")], ...] = ()
-    budgets: tuple[Annotated[BudgetTable, *flat("at_most")], ...] = ()
+    prices: tuple[Annotated[PriceTable, *flat_table("per_unit")], ...] = ()
+    budgets: tuple[Annotated[BudgetTable, *flat_table("at_most")], ...] = ()
     floor: FloorTable | None = None
     robust: RobustTable | None = None
 
@@ -125,11 +125,11 @@ class DesignTable(_Table):
 _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 
 
-def _listed(value: Any) -> Any:  # noqa: ANN401
+def _as_tuple(value: Any) -> Any:  # noqa: ANN401
     return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
 
-class SelectionTable(_Table):
+class SelectionTable(_ScenarioTable):
     """Which sensors, when."""
 
     per_segment: int = Field(default=1, ge=1, description="how many sensors may be on at a time")
@@ -138,18 +138,18 @@ class SelectionTable(_Table):
     gap: float = Field(default=1e-9, ge=0, description="the search ends when the schedule is proven to be within this of the best")
     pareto: int = Field(default=0, ge=0, description="points of the front of information against what an energy_budget counts")
     rules: tuple[family_of(obsdesign.rules), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
-    naive: Annotated[tuple[str, ...], BeforeValidator(_listed), WithJsonSchema(_NAMES)] = Field(
+    naive: Annotated[tuple[str, ...], BeforeValidator(_as_tuple), WithJsonSchema(_NAMES)] = Field(
         default=(), description="the sensor, or per_segment of them, that the naive schedule keeps on; default: the first"
     )
 
 
-class CodesignTable(_Table):
+class CodesignTable(_ScenarioTable):
     """Choose path and schedule together, beside the one after the other."""
 
     starts: int = Field(default=4, ge=1, description="starts of each design, and of the search with relaxed schedules")
 
 
-class FlightTable(_Table):
+class FlightTable(_ScenarioTable):
     """A flight with the filter in the loop, planned anew again and again from what it believes."""
 
     every: float = Field(gt=0, description="time from one plan to the next [s]")
@@ -159,13 +159,13 @@ class FlightTable(_Table):
     )
 
 
-class ValidationTable(_Table):
+class ValidationTable(_ScenarioTable):
     """The Monte Carlo runs of the filter."""
 
     runs: int = Field(default=200, ge=2)
 
 
-class Expected(_Table):
+class Expected(_ScenarioTable):
     """A known truth: the number under `key` in result.json, to within `tolerance`, from `source`."""
 
     key: str
@@ -174,7 +174,7 @@ class Expected(_Table):
     source: str
 
 
-class Scenario(_Table):
+class Scenario(_ScenarioTable):
     """A study as read from its file. Every angle may be given in degrees under its key with the suffix _deg."""
 
     title: str

@@ -20,11 +20,12 @@ def too_large(value: Any, location: Location = ()) -> Iterator[Problem]:  # noqa
         yield from too_large(item, (*location, key))
     if isinstance(value, int) and abs(value) > WHOLE:
         yield Problem(
-            location, f"is {value:.3g}: must be at most {WHOLE} in size" if abs(value) < LARGEST else _beyond("a number of many digits")
+            location,
+            f"is {value:.3g}: must be at most {WHOLE} in size" if abs(value) < LARGEST else _too_large_text("a number of many digits"),
         )
     if isinstance(value, float) and LARGEST < abs(value) < float("inf"):
-        yield Problem(location, _beyond(f"{value:g}"))
+        yield Problem(location, _too_large_text(f"{value:g}"))
 
 
-def _beyond(shown: str) -> str:
+def _too_large_text(shown: str) -> str:
     return f"is {shown}: must be at most {LARGEST:g} in size"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def always(segments: int, sensors: int, sensor: int) -> np.ndarray:
+def single_sensor(segments: int, sensors: int, sensor: int) -> np.ndarray:
     """Return (K, S): one sensor on throughout."""
     chosen = np.zeros((segments, sensors), dtype=bool)
     chosen[:, sensor] = True
@@ -20,7 +20,7 @@ def round_robin(segments: int, sensors: int, per_segment: int = 1) -> np.ndarray
     return chosen
 
 
-def at_random(segments: int, sensors: int, per_segment: int, random: np.random.Generator) -> np.ndarray:
+def random_schedule(segments: int, sensors: int, per_segment: int, random: np.random.Generator) -> np.ndarray:
     """Return (K, S): per_segment sensors drawn anew for each segment."""
     order = random.permuted(np.tile(np.arange(sensors), (segments, 1)), axis=1)
     return order < per_segment

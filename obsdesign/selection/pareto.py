@@ -17,19 +17,19 @@ from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.errors import InputError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
-from obsdesign.selection.build import posed
-from obsdesign.selection.integer.search import Wanted
-from obsdesign.selection.problem import Instance
-from obsdesign.selection.relaxation.column_generation import bound_of
+from obsdesign.selection.build import build_problem
+from obsdesign.selection.integer.search import SelectionOptions
+from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.relaxation.column_generation import dual_bound
 from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.schedule import Schedule, require_blocks
-from obsdesign.selection.solver import chosen_for
+from obsdesign.selection.solver import solve_selection
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_FRONTS = 60  # of the branch and bound for each limit: a second or so
-_ENDLESS = 1e30  # a budget that nothing exceeds
+_MAX_BATCHES = 60  # of the branch and bound for each limit: a second or so
+_NO_LIMIT = 1e30  # a budget that nothing exceeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,29 +108,29 @@ def pareto(
     Raises InputError for the same reasons as select_sensors.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
-    require_count("points", points, least=2)
+    require_count("points", points, minimum=2)
     require_within("gap", gap)
-    wanted = Wanted("auto", gap, None, seed, _FRONTS)
+    options = SelectionOptions("auto", gap, None, seed, _MAX_BATCHES)
 
-    def limited(limit: float) -> Instance:
-        rules_then = (replace(budget, limit=limit), *rules)
-        return posed(array, per_segment, rules_then, criterion or MinEigenvalue(), 0, segments, known=known, about=about)
+    def with_limit(limit: float) -> SelectionProblem:
+        all_rules = (replace(budget, limit=limit), *rules)
+        return build_problem(array, per_segment, all_rules, criterion or MinEigenvalue(), 0, segments, known_information=known, about=about)
 
-    unlimited = limited(_ENDLESS)
-    top = float(unlimited.usage(chosen_for(unlimited, tuple(rules), wanted, throw=True).chosen)[0])
-    found: list[_Point] = []
-    for limit in top * np.arange(points, 0, -1) / points:
-        point = _at(limited, float(limit), wanted, found)
+    unlimited = with_limit(_NO_LIMIT)
+    largest_spending = float(unlimited.usage(solve_selection(unlimited, tuple(rules), options, throw=True).chosen)[0])
+    front_points: list[_FrontPoint] = []
+    for limit in largest_spending * np.arange(points, 0, -1) / points:
+        point = _solve_at_limit(with_limit, float(limit), options, front_points)
         if point is None:
             break  # and less is too little, too
-        found.append(point)
-    if not found:
+        front_points.append(point)
+    if not front_points:
         raise InputError(f"gap is {gap:g}: within it no schedule needs a sensor; give a smaller one")
-    return _front(found[::-1])
+    return _build_front(front_points[::-1])
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
+class _FrontPoint:
     """A limit, the schedule for it, its dual, and its bound less what the limit is worth."""
 
     limit: float
@@ -140,32 +140,34 @@ class _Point:
     level: float
 
 
-def _at(limited: Callable[[float], Instance], limit: float, wanted: Wanted, before: list[_Point]) -> _Point | None:
+def _solve_at_limit(
+    with_limit: Callable[[float], SelectionProblem], limit: float, options: SelectionOptions, previous: list[_FrontPoint]
+) -> _FrontPoint | None:
     try:
-        instance = limited(limit)
-        schedule = chosen_for(instance, (), wanted, throw=False, first=tuple(point.dual for point in before[-1:]))
+        instance = with_limit(limit)
+        schedule = solve_selection(instance, (), options, throw=False, initial_duals=tuple(point.dual for point in previous[-1:]))
     except InputError:  # too small for anything
         return None
     if not (schedule.status.has_answer and schedule.chosen.any()):
         return None
-    dual = Dual(instance.ours(schedule.dual[None]), schedule.prices, schedule.offset)
+    dual = Dual(instance.from_user_units(schedule.dual[None]), schedule.prices, schedule.offset)
     spent = float(instance.usage(schedule.chosen)[0])
-    return _Point(limit, spent, schedule, dual, bound_of(instance, dual)[0] - float(dual.mu[0]) * limit)
+    return _FrontPoint(limit, spent, schedule, dual, dual_bound(instance, dual)[0] - float(dual.mu[0]) * limit)
 
 
-def _front(points: list[_Point]) -> Pareto:
+def _build_front(points: list[_FrontPoint]) -> Pareto:
     """The best schedule within each limit, be it made for a smaller one; every dual bounds every limit."""
     slopes, levels = np.array([point.dual.mu[0] for point in points]), np.array([point.level for point in points])
     limits = np.array([point.limit for point in points])
-    own = np.array([point.schedule.value for point in points])
-    best = [int(own[: i + 1].argmax()) for i in range(len(points))]
-    above = np.min(levels + slopes * limits[:, None], axis=1)
-    bounds = np.minimum(above, [point.schedule.bound for point in points])
+    values = np.array([point.schedule.value for point in points])
+    best = [int(values[: i + 1].argmax()) for i in range(len(points))]
+    dual_bounds = np.min(levels + slopes * limits[:, None], axis=1)
+    bounds = np.minimum(dual_bounds, [point.schedule.bound for point in points])
     return Pareto(
         limits,
         np.array([points[i].spent for i in best]),
-        own[best],
-        np.maximum(np.minimum.accumulate(bounds[::-1])[::-1], own[best]),
+        values[best],
+        np.maximum(np.minimum.accumulate(bounds[::-1])[::-1], values[best]),
         tuple(points[i].schedule for i in best),
         slopes,
         levels,

@@ -8,17 +8,17 @@ from functools import cached_property
 import numpy as np
 
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.selection.double_double import Pair
-from obsdesign.selection.extended_sums import doubtful_directions, eliminated, roots, seen
+from obsdesign.selection.double_double import DoubleDouble
+from obsdesign.selection.extended_sums import covariance_roots, doubtful_directions, ldl_factor, sees_directions
 
-_SURE = 1e-6  # pivots of a sum B with unit sizes, and 1 / tr B^-1, above which double precision leaves eight digits and more
-_PLAIN = 1e-5  # a ratio of eigenvalues above which units do not matter
+_MIN_PIVOT = 1e-6  # pivots of a sum B with unit sizes, and 1 / tr B^-1, above which double precision leaves eight digits and more
+_MIN_EIGENVALUE_RATIO = 1e-5  # a ratio of eigenvalues above which units do not matter
 _RIDGE, _TINY = 1e-13, 1e-100  # what keeps unseen nuisance states apart from 0
-_STIFF = 1e-10  # of the largest: what a state's share in a smallest eigenvalue counts at least in a search
+_MIN_METRIC_SHARE = 1e-10  # of the largest: what a state's share in a smallest eigenvalue counts at least in a search
 
 
 @dataclass(frozen=True, eq=False)
-class Judge:
+class ScaledCriterion:
     """criterion(S), S = W_aa - W_ab W_bb^-1 W_ba, of V = D W D for the judged states a.
 
     D (n,): powers of two, so that V has the digits of W. about (k,): indices of the judged states; the others are found as well.
@@ -43,9 +43,9 @@ class Judge:
     @cached_property
     def metric(self) -> np.ndarray:
         """(n,)."""
-        found = np.zeros(len(self.D))
-        found[self.about] = self.D[self.about] ** 2
-        return found
+        weights = np.zeros(len(self.D))
+        weights[self.about] = self.D[self.about] ** 2
+        return weights
 
     def value(self, V: np.ndarray) -> float:
         """The criterion of V (n, n)."""
@@ -53,67 +53,69 @@ class Judge:
 
     def values(self, V: np.ndarray) -> np.ndarray:
         """The criterion of each V (N, n, n), a direction below the round-off of its sizes counting as hidden."""
-        found, sure = self.quick(V)
-        if not sure.all():
-            unsure = np.moveaxis(V[~sure], 0, 2)
-            found[~sure] = self.refined((unsure, np.zeros_like(unsure)), None, None)
-        return found
+        results, is_accurate = self.values_in_double(V)
+        if not is_accurate.all():
+            unsure = np.moveaxis(V[~is_accurate], 0, 2)
+            results[~is_accurate] = self.values_in_extended((unsure, np.zeros_like(unsure)), None, None)
+        return results
 
-    def quick(self, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def values_in_double(self, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The criterion of each V (N, n, n) in double precision, and which of the numbers are good to eight digits."""
         if self.criterion.is_smallest_eigenvalue and not len(self.nuisance):
             unit = 1 / self.D
             values = np.linalg.eigvalsh(V * unit[:, None] * unit)
-            found, sure = values[:, 0], values[:, 0] > _PLAIN * values[:, -1]
-            if sure.all():
-                return found, sure
-            found[~sure], sure[~sure] = self._balanced(V[~sure])
-            return found, sure
-        return self._balanced(V)
+            smallest, is_accurate = values[:, 0], values[:, 0] > _MIN_EIGENVALUE_RATIO * values[:, -1]
+            if is_accurate.all():
+                return smallest, is_accurate
+            smallest[~is_accurate], is_accurate[~is_accurate] = self._values_by_cholesky(V[~is_accurate])
+            return smallest, is_accurate
+        return self._values_by_cholesky(V)
 
-    def _balanced(self, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _values_by_cholesky(self, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         first = len(self.nuisance)
         V = V[:, self.order[:, None], self.order] if first else V
         sizes = np.diagonal(V, axis1=1, axis2=2)
         d = np.sqrt(np.where(sizes > 0, sizes, 1.0))
-        dead = (sizes[:, first:] <= 0).any(axis=1)
+        is_blind = (sizes[:, first:] <= 0).any(axis=1)
         B = V / d[:, :, None] / d[:, None, :] + np.eye(len(self.D)) * (sizes <= 0)[:, :, None]
-        L, sure = _cholesky(B)
+        L, is_accurate = _cholesky(B)
         inverse = np.linalg.inv(L)  # rounding of B takes about eps tr B^-1 off its digits, also where no single pivot is small
-        sure &= np.sum(inverse**2, axis=(1, 2)) <= 1 / _SURE
+        is_accurate &= np.sum(inverse**2, axis=(1, 2)) <= 1 / _MIN_PIVOT
         R = inverse[:, first:, first:] * (self.D[self.about] / d[:, first:])[:, None, :]
-        found = self.criterion.of_root(R)
-        found[dead] = self.nothing
-        return found, sure | dead
+        results = self.criterion.value_from_root(R)
+        results[is_blind] = self.hidden_value
+        return results, is_accurate | is_blind
 
     @property
-    def nothing(self) -> float:
+    def hidden_value(self) -> float:
         """The value of what leaves a direction hidden."""
         return 0.0 if self.criterion.is_smallest_eigenvalue else -np.inf
 
-    def refined(self, V: Pair, blocks: np.ndarray | None, on: np.ndarray | None) -> np.ndarray:
+    def values_in_extended(self, V: DoubleDouble, blocks: np.ndarray | None, on: np.ndarray | None) -> np.ndarray:
         """The criterion of each V (n, n, N), in twice the digits; hidden is what no block (M, n, n) that is on (N, M) sees."""
-        R, sees, _, hidden = self._examined(V, blocks, on)
-        found = self.criterion.of_root(R * self.D[self.about])
-        found[~sees | hidden.any(axis=1)] = self.nothing
-        return found
+        R, sees, _, hidden = self._examine(V, blocks, on)
+        results = self.criterion.value_from_root(R * self.D[self.about])
+        results[~sees | hidden.any(axis=1)] = self.hidden_value
+        return results
 
-    def hidden(self, V: Pair, blocks: np.ndarray, on: np.ndarray) -> np.ndarray:
+    def hidden_directions(self, V: DoubleDouble, blocks: np.ndarray, on: np.ndarray) -> np.ndarray:
         """Return the directions (n, p) that no block (M, n, n) that is on (1, M) sees, of V (n, n, 1)."""
-        _, _, directions, hidden = self._examined(V, blocks, on)
-        found = np.zeros((len(self.D), int(hidden[0].sum())))
-        found[self.order] = directions[0][:, hidden[0]]
-        return found
+        _, _, directions, hidden = self._examine(V, blocks, on)
+        unseen = np.zeros((len(self.D), int(hidden[0].sum())))
+        unseen[self.order] = directions[0][:, hidden[0]]
+        return unseen
 
-    def _examined(self, V: Pair, blocks: np.ndarray | None, on: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _examine(
+        self, V: DoubleDouble, blocks: np.ndarray | None, on: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Roots (N, k, k), which of them (N,) there are, directions (N, n, k) and which of these (N, k) are hidden."""
         first = len(self.nuisance)
-        factors = eliminated(V, self.order, first)
-        R, sees = roots(factors, first)
+        factors = ldl_factor(V, self.order, first)
+        R, sees = covariance_roots(factors, first)
         directions, doubtful = doubtful_directions(factors, R, first)
         if blocks is not None and on is not None and doubtful.any():
-            some = doubtful.any(axis=1)
-            doubtful[some] &= ~seen(blocks[:, self.order[:, None], self.order], on[some], directions[some])
+            unsure = doubtful.any(axis=1)
+            doubtful[unsure] &= ~sees_directions(blocks[:, self.order[:, None], self.order], on[unsure], directions[unsure])
         return R, sees, directions, doubtful
 
     # ------------------------------------------------------------ slopes
@@ -121,7 +123,7 @@ class Judge:
     def tangent(self, V: np.ndarray) -> tuple[np.ndarray, float]:
         """Return Z (n, n) and an offset with value(V') <= <V', Z> + offset for every V', and equality at V."""
         lift = self.lift(V)
-        S = self._own(self.shadow(V, lift))
+        S = self._to_user_units(self.schur_complement(V, lift))
         Y = self.criterion.slope(S)
         user = lift / self.D[self.about]
         return user @ Y @ user.T, self.value(V) - float(np.sum(Y * S))
@@ -129,54 +131,54 @@ class Judge:
     def curvature(self, V: np.ndarray, changes: np.ndarray) -> np.ndarray:
         """Return -d2 value (q, q) along changes (q, n, n) at V."""
         lift = self.lift(V)
-        S = self._own(self.shadow(V, lift))
-        found = self.criterion.curvature(S, self._own(lift.T @ changes @ lift))
+        S = self._to_user_units(self.schur_complement(V, lift))
+        result = self.criterion.curvature(S, self._to_user_units(lift.T @ changes @ lift))
         if len(self.nuisance):  # S falls by the square of what a change adds between judged and nuisance states
             user = lift / self.D[self.about]
-            known = V[np.ix_(self.nuisance, self.nuisance)]
-            crossed = (changes @ user)[:, self.nuisance]
-            solved = np.linalg.lstsq(known, np.concatenate(list(crossed), axis=1), rcond=1e-13)[0]
-            solved = solved.reshape(len(self.nuisance), len(changes), -1).swapaxes(0, 1)
-            found = found + 2 * np.einsum("iba,jbc,ca->ij", crossed, solved, self.criterion.slope(S))
-        return found
+            nuisance_block = V[np.ix_(self.nuisance, self.nuisance)]
+            coupling = (changes @ user)[:, self.nuisance]
+            response = np.linalg.lstsq(nuisance_block, np.concatenate(list(coupling), axis=1), rcond=1e-13)[0]
+            response = response.reshape(len(self.nuisance), len(changes), -1).swapaxes(0, 1)
+            result = result + 2 * np.einsum("iba,jbc,ca->ij", coupling, response, self.criterion.slope(S))
+        return result
 
     def lift(self, V: np.ndarray) -> np.ndarray:
         """Return (n, k): how the nuisance states follow the judged ones; S = lift' V lift."""
-        found = np.zeros((len(self.D), len(self.about)))
-        found[self.about, np.arange(len(self.about))] = 1.0
+        lift_matrix = np.zeros((len(self.D), len(self.about)))
+        lift_matrix[self.about, np.arange(len(self.about))] = 1.0
         if len(self.nuisance):
-            known, mixed = V[np.ix_(self.nuisance, self.nuisance)], V[np.ix_(self.nuisance, self.about)]
-            size = np.sqrt(np.where(np.diag(known) > 0, np.diag(known), 1.0))
-            solved = np.linalg.lstsq(known / np.outer(size, size), mixed / size[:, None], rcond=1e-14)[0]
-            found[self.nuisance] = -solved / size[:, None]
-        return found
+            nuisance_block, cross_block = V[np.ix_(self.nuisance, self.nuisance)], V[np.ix_(self.nuisance, self.about)]
+            size = np.sqrt(np.where(np.diag(nuisance_block) > 0, np.diag(nuisance_block), 1.0))
+            response = np.linalg.lstsq(nuisance_block / np.outer(size, size), cross_block / size[:, None], rcond=1e-14)[0]
+            lift_matrix[self.nuisance] = -response / size[:, None]
+        return lift_matrix
 
-    def shadow(self, V: np.ndarray, lift: np.ndarray) -> np.ndarray:
+    def schur_complement(self, V: np.ndarray, lift: np.ndarray) -> np.ndarray:
         """Return lift' V lift (k, k)."""
         S = lift.T @ V @ lift if len(self.nuisance) else V[np.ix_(self.about, self.about)]
         return (S + S.T) / 2
 
-    def _own(self, S: np.ndarray) -> np.ndarray:
+    def _to_user_units(self, S: np.ndarray) -> np.ndarray:
         unit = 1 / self.D[self.about]
         return S * unit[:, None] * unit
 
     # ------------------------------------------------------------ searching
 
     @cached_property
-    def stiff(self) -> np.ndarray:
+    def search_units(self) -> np.ndarray:
         """Units (k,) of the judged states for a search: those of the user, but for states that are known much too well to count."""
         metric = self.metric[self.about]
-        return 1 / np.sqrt(np.maximum(metric, _STIFF * metric.max()))
+        return 1 / np.sqrt(np.maximum(metric, _MIN_METRIC_SHARE * metric.max()))
 
-    def softened(self, V: np.ndarray) -> np.ndarray:
+    def search_information(self, V: np.ndarray) -> np.ndarray:
         """Return S (..., k, k) of V (..., n, n) in the units of a search."""
         a, b = self.about, self.nuisance
         S = V[..., a[:, None], a]
         if len(b):
-            known, mixed = V[..., b[:, None], b], V[..., b[:, None], a]
-            ridge = np.maximum(_RIDGE * np.trace(known, axis1=-2, axis2=-1), _TINY)[..., None, None]
-            S = S - mixed.swapaxes(-1, -2) @ np.linalg.solve(known + ridge * np.eye(len(b)), mixed)
-        return S * self.stiff[:, None] * self.stiff
+            nuisance_block, cross_block = V[..., b[:, None], b], V[..., b[:, None], a]
+            ridge = np.maximum(_RIDGE * np.trace(nuisance_block, axis1=-2, axis2=-1), _TINY)[..., None, None]
+            S = S - cross_block.swapaxes(-1, -2) @ np.linalg.solve(nuisance_block + ridge * np.eye(len(b)), cross_block)
+        return S * self.search_units[:, None] * self.search_units
 
 
 def _cholesky(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -185,7 +187,7 @@ def _cholesky(B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         L = np.linalg.cholesky(B)
     except np.linalg.LinAlgError:
         L = np.zeros_like(B) + np.eye(B.shape[1])
-        sure = np.linalg.eigvalsh(B)[:, 0] >= _SURE
-        L[sure] = np.linalg.cholesky(B[sure])
-        return L, sure
-    return L, (np.diagonal(L, axis1=1, axis2=2) ** 2).min(axis=1) >= _SURE
+        is_accurate = np.linalg.eigvalsh(B)[:, 0] >= _MIN_PIVOT
+        L[is_accurate] = np.linalg.cholesky(B[is_accurate])
+        return L, is_accurate
+    return L, (np.diagonal(L, axis1=1, axis2=2) ** 2).min(axis=1) >= _MIN_PIVOT

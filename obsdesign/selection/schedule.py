@@ -16,7 +16,7 @@ from obsdesign.status import Status
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_FORGIVEN = 1e-9  # of its largest entry: what rounding may do to the symmetry and the eigenvalues of a block
+_ROUNDING_TOLERANCE = 1e-9  # of its largest entry: what rounding may do to the symmetry and the eigenvalues of a block
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,25 +94,25 @@ def gap_of(value: float, bound: float, criterion: AbstractCriterion) -> float:
     return 1 - value / bound if bound > 0 else value / bound - 1
 
 
-def information_of(blocks: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+def schedule_information(blocks: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """W (n, n) = sum of the blocks (K, S, n, n) that a schedule (K, S) has on."""
     return np.einsum("ks,ksij->ij", np.asarray(chosen, dtype=float), blocks)
 
 
 def schedule_value(blocks: np.ndarray, chosen: np.ndarray, criterion: AbstractCriterion | None = None) -> float:
     """The criterion of a schedule's information; None: lambda_min."""
-    W = information_of(blocks, chosen)
+    W = schedule_information(blocks, chosen)
     return float(np.linalg.eigvalsh(W)[0]) if criterion is None else criterion.value(W)
 
 
-def worth(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
+def block_values(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
     """<W_ks, Z> (K, S): what each block adds in the direction of the dual Z."""
     return np.einsum("ksij,ij->ks", blocks, Z)
 
 
 def upper_bound(blocks: np.ndarray, Z: np.ndarray, per_segment: int = 1) -> float:
     """UB(Z) = sum_k (sum of the per_segment largest max(<W_ks, Z>, 0)) >= lambda_min of every schedule, for Z >= 0, tr Z = 1."""
-    largest = np.sort(np.maximum(worth(blocks, Z), 0.0), axis=1)[:, -per_segment:]
+    largest = np.sort(np.maximum(block_values(blocks, Z), 0.0), axis=1)[:, -per_segment:]
     return float(largest.sum())
 
 
@@ -121,38 +121,38 @@ def require_blocks(blocks: np.ndarray, per_segment: int, name: str = "blocks") -
     array = np.array(blocks, dtype=float)
     if array.ndim != 4 or array.shape[2] != array.shape[3] or 0 in array.shape:
         raise InputError(f"{name} has shape {array.shape}: must be (K, S, n, n)")
-    require_count("per_segment", per_segment, least=1, most=array.shape[1])
+    require_count("per_segment", per_segment, minimum=1, maximum=array.shape[1])
     if not np.isfinite(array).all():
-        k, s, i, j = (int(each) for each in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f"{_called(name, k, s)} is not finite: its entry [{i}, {j}] is {array[k, s, i, j]}")
+        k, s, i, j = (int(index) for index in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{_block_name(name, k, s)} is not finite: its entry [{i}, {j}] is {array[k, s, i, j]}")
     size = np.maximum(array.max(axis=(2, 3)), -array.min(axis=(2, 3)))
-    turned = array.swapaxes(2, 3)
+    transposed = array.swapaxes(2, 3)
     symmetric = array
-    if not np.array_equal(array, turned):
-        skew = np.abs(array - turned).max(axis=(2, 3))
-        _refuse(name, skew, skew, size, "symmetric: it differs from its transpose by")
-        symmetric = array / 2 + turned / 2
+    if not np.array_equal(array, transposed):
+        asymmetry = np.abs(array - transposed).max(axis=(2, 3))
+        _require_small(name, asymmetry, asymmetry, size, "symmetric: it differs from its transpose by")
+        symmetric = array / 2 + transposed / 2
     try:  # a factor takes a fifth of the time of eigenvalues, which only a message needs
-        allowed = _FORGIVEN * np.maximum(size, np.finfo(float).tiny)
+        allowed = _ROUNDING_TOLERANCE * np.maximum(size, np.finfo(float).tiny)
         np.linalg.cholesky(symmetric + allowed[:, :, None, None] * np.eye(array.shape[2]))
     except np.linalg.LinAlgError:
         lowest = np.linalg.eigvalsh(symmetric)[..., 0]
-        _refuse(name, -lowest, lowest, size, "positive semidefinite: its eigenvalue is")
-    return _seen_alone(symmetric)
+        _require_small(name, -lowest, lowest, size, "positive semidefinite: its eigenvalue is")
+    return _clear_unseen_states(symmetric)
 
 
-def _seen_alone(blocks: np.ndarray) -> np.ndarray:
+def _clear_unseen_states(blocks: np.ndarray) -> np.ndarray:
     """Blocks without the entries of states that they have no information about: what is there are rounding errors."""
     unseen = np.diagonal(blocks, axis1=2, axis2=3) <= 0
     return np.where(unseen[:, :, :, None] | unseen[:, :, None, :], 0.0, blocks) if unseen.any() else blocks
 
 
-def _called(name: str, k: int, s: int) -> str:
+def _block_name(name: str, k: int, s: int) -> str:
     return f"{name}[{k}, {s}]" if name == "blocks" else name
 
 
-def _refuse(name: str, excess: np.ndarray, shown: np.ndarray, size: np.ndarray, what: str) -> None:
-    wrong = excess > _FORGIVEN * np.maximum(size, np.finfo(float).tiny)
-    if wrong.any():
-        k, s = (int(each) for each in np.argwhere(wrong)[0])
-        raise InputError(f"{_called(name, k, s)} is not {what} {shown[k, s]:.3g} (largest entry {size[k, s]:.3g})")
+def _require_small(name: str, excess: np.ndarray, reported: np.ndarray, size: np.ndarray, what: str) -> None:
+    is_wrong = excess > _ROUNDING_TOLERANCE * np.maximum(size, np.finfo(float).tiny)
+    if is_wrong.any():
+        k, s = (int(index) for index in np.argwhere(is_wrong)[0])
+        raise InputError(f"{_block_name(name, k, s)} is not {what} {reported[k, s]:.3g} (largest entry {size[k, s]:.3g})")

@@ -12,12 +12,12 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.rules.abstract import AbstractRule, Segments
-from obsdesign.selection.build import posed
-from obsdesign.selection.integer.search import Wanted
+from obsdesign.selection.build import build_problem
+from obsdesign.selection.integer.search import SelectionOptions
 from obsdesign.selection.schedule import Schedule, require_blocks
-from obsdesign.selection.solver import chosen_for, without_sensors
+from obsdesign.selection.solver import solve_selection, without_sensors
 
-_FRONTS = 60  # of the branch and bound for each sensor: a second or so
+_MAX_BATCHES = 60  # of the branch and bound for each sensor: a second or so
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,16 @@ def sensor_losses(
     Raises InputError for the same reasons as select_sensors.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
-    instance = posed(array, per_segment, tuple(rules), criterion or MinEigenvalue(), 0, segments, known=known, about=about)
-    found = []
+    instance = build_problem(
+        array, per_segment, tuple(rules), criterion or MinEigenvalue(), 0, segments, known_information=known, about=about
+    )
+    losses = []
     for sensor in range(array.shape[1]):
-        rest = without_sensors(instance, (sensor,))
-        left = schedule.chosen.copy()
-        left[:, sensor] = False
-        again = chosen_for(rest, tuple(rules), Wanted("auto", gap, None, 0, _FRONTS), throw=False)
-        kept = rest.value(left)
-        rechosen, bound = (again.value, again.bound) if again.status.has_answer else (-np.inf, -np.inf)
-        found.append(Loss(sensor, kept, max(rechosen, kept), max(bound, kept)))
-    return tuple(found)
+        without_sensor = without_sensors(instance, (sensor,))
+        remaining = schedule.chosen.copy()
+        remaining[:, sensor] = False
+        reselected = solve_selection(without_sensor, tuple(rules), SelectionOptions("auto", gap, None, 0, _MAX_BATCHES), throw=False)
+        kept_value = without_sensor.value(remaining)
+        rechosen, bound = (reselected.value, reselected.bound) if reselected.status.has_answer else (-np.inf, -np.inf)
+        losses.append(Loss(sensor, kept_value, max(rechosen, kept_value), max(bound, kept_value)))
+    return tuple(losses)

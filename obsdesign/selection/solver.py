@@ -15,34 +15,41 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
-from obsdesign.selection.build import posed
-from obsdesign.selection.certificate import certified, failed, hidden_schedule, refused
+from obsdesign.selection.build import build_problem
+from obsdesign.selection.certificate import certify, failure_schedule, hidden_schedule, reject
 from obsdesign.selection.integer.best_first_search import finished
 from obsdesign.selection.integer.best_first_search import serves as serves_best_first
-from obsdesign.selection.integer.eigenvector_cuts import cut, cuttable, note_of
-from obsdesign.selection.integer.rounding import purified
+from obsdesign.selection.integer.eigenvector_cuts import cut_note, is_integer_program, solve_by_cuts
+from obsdesign.selection.integer.rounding import purify
 from obsdesign.selection.integer.search import (
-    Answer,
     Clock,
+    Incumbent,
     Method,
-    Wanted,
-    few,
-    incumbent,
-    proven,
-    searched,
-    tried_all,
-    worth_searching,
+    SelectionOptions,
+    enumerable_problem,
+    enumerate_all,
+    find_incumbent,
+    is_tractable,
+    prove_optimality,
+    search_neighbourhoods,
 )
-from obsdesign.selection.problem import Instance
-from obsdesign.selection.relaxation.column_generation import Relaxed, closed, mixture_of, raised, relaxed, seen_through
+from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.relaxation.column_generation import (
+    RelaxedSolution,
+    is_gap_closed,
+    observable_mixture,
+    raised,
+    solve_relaxation,
+    uniform_mixture,
+)
 from obsdesign.selection.relaxation.dual import Dual
-from obsdesign.selection.relaxation.dual_interior_point import centred, serves
+from obsdesign.selection.relaxation.dual_interior_point import follow_central_path, is_applicable
 from obsdesign.selection.schedule import Schedule, require_blocks
 from obsdesign.status import Status
 
 _MANY_STATES = 9  # from here on column generation takes more rounds than Newton's method in all
-_CENTRED = 1e-5  # of the value: what is left to the rounding is a hundred times as much
-_SEES = 1e-9  # an eigenvalue, with all sensors' information about each state as unit, that a solver can tell from 0
+_CENTRAL_PATH_GAP = 1e-5  # of the value: what is left to the rounding is a hundred times as much
+_OBSERVABLE_EIGENVALUE = 1e-9  # an eigenvalue, with all sensors' information about each state as unit, that a solver can tell from 0
 
 
 @validate_arguments
@@ -92,97 +99,111 @@ def select_sensors(
         raise InputError(f"gap is {gap!r}: must be a finite number of at least 0")
     if time_limit is not None:
         require_positive("time_limit", time_limit)
-    require_count("seed", seed, least=0)
+    require_count("seed", seed, minimum=0)
     if method not in ("auto", "columns", "direct"):
         raise InputError(f"method is {method!r}: must be 'auto', 'columns' or 'direct'")
     rules = tuple(rules)
-    instance = posed(array, per_segment, rules, criterion or MinEigenvalue(), robust_to, segments, known=known, about=about)
-    return chosen_for(instance, rules, Wanted(method, gap, time_limit, seed), throw)
+    instance = build_problem(
+        array, per_segment, rules, criterion or MinEigenvalue(), robust_to, segments, known_information=known, about=about
+    )
+    return solve_selection(instance, rules, SelectionOptions(method, gap, time_limit, seed), throw)
 
 
-def without_sensors(instance: Instance, lost: tuple[int, ...]) -> Instance:
+def without_sensors(instance: SelectionProblem, lost: tuple[int, ...]) -> SelectionProblem:
     """Return the problem in which some sensors are never available."""
     available = instance.schedules.available.copy()
     available[:, list(lost)] = False
     return replace(instance, schedules=replace(instance.schedules, available=available))
 
 
-def chosen_for(instance: Instance, rules: tuple[AbstractRule, ...], wanted: Wanted, throw: bool, first: tuple[Dual, ...] = ()) -> Schedule:
-    """Return the schedule of a problem; first: duals of a problem like it."""
-    began = perf_counter()
-    clock = Clock(began, np.inf if wanted.time_limit is None else began + wanted.time_limit)
-    hidden = instance.hidden(instance.schedules.available)
+def solve_selection(
+    instance: SelectionProblem,
+    rules: tuple[AbstractRule, ...],
+    options: SelectionOptions,
+    throw: bool,
+    initial_duals: tuple[Dual, ...] = (),
+) -> Schedule:
+    """Return the schedule of a problem; initial_duals: duals of a problem like it."""
+    start = perf_counter()
+    clock = Clock(start, np.inf if options.time_limit is None else start + options.time_limit)
+    hidden = instance.hidden_directions(instance.schedules.available)
     if hidden.any():
         return hidden_schedule(instance, hidden, throw)
-    found, notes = _relaxation(instance, wanted, first)
-    if found is None and not instance.criterion.is_smallest_eigenvalue:
-        found, notes = raised(instance, 1e-8), ()
-    if found is None:
-        return _unanswered(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _sees_everything(instance))
-    whole = purified(instance, found)
-    answer = incumbent(instance, found, whole, wanted, clock)
-    listed = few(instance) if wanted.method == "auto" else None
-    if listed is not None:
-        answer = tried_all(instance, found, listed, answer, wanted)
-    elif wanted.method == "auto" and worth_searching(instance):
-        cuts = wanted.time_limit is not None and cuttable(instance)
-        clock = replace(clock, finishes=serves_best_first(instance) or cuts)
-        answer = searched(instance, found, answer, wanted, clock)
-        answer = proven(instance, found, answer, wanted, clock)
-        if serves_best_first(instance) and not closed(answer.value, answer.bound, wanted.gap, instance):
-            answer = finished(instance, found, answer, wanted, clock)
-        if cuts and not closed(answer.value, answer.bound, wanted.gap, instance):
-            result = cut(instance, found, (answer.chosen, answer.value), wanted.gap, clock.left)
-            notes = (*notes, note_of(result)) if result.bound < answer.bound else notes
-            answer = Answer(result.chosen, result.value, min(answer.bound, result.bound), answer.nodes)
-    _require_information(instance, rules, answer)
-    if not np.isfinite(answer.value):
-        return _unanswered(instance, throw, listed is not None or answer.bound == -np.inf or not _sees_everything(instance))
-    return certified(instance, found.dual, whole.fractional, answer, wanted.gap, notes)
+    relaxation, notes = _relaxation(instance, options, initial_duals)
+    if relaxation is None and not instance.criterion.is_smallest_eigenvalue:
+        relaxation, notes = raised(instance, 1e-8), ()
+    if relaxation is None:
+        return _unanswered(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _is_observable(instance))
+    vertex = purify(instance, relaxation)
+    incumbent = find_incumbent(instance, relaxation, vertex, options, clock)
+    all_schedules = enumerable_problem(instance) if options.method == "auto" else None
+    if all_schedules is not None:
+        incumbent = enumerate_all(instance, relaxation, all_schedules, incumbent, options)
+    elif options.method == "auto" and is_tractable(instance):
+        cuts = options.time_limit is not None and is_integer_program(instance)
+        clock = replace(clock, has_finisher=serves_best_first(instance) or cuts)
+        incumbent = search_neighbourhoods(instance, relaxation, incumbent, options, clock)
+        incumbent = prove_optimality(instance, relaxation, incumbent, options, clock)
+        if serves_best_first(instance) and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
+            incumbent = finished(instance, relaxation, incumbent, options, clock)
+        if cuts and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
+            result = solve_by_cuts(instance, relaxation, (incumbent.chosen, incumbent.value), options.gap, clock.seconds_left)
+            notes = (*notes, cut_note(result)) if result.bound < incumbent.bound else notes
+            incumbent = Incumbent(result.chosen, result.value, min(incumbent.bound, result.bound), incumbent.nodes)
+    _require_information(instance, rules, incumbent)
+    if not np.isfinite(incumbent.value):
+        return _unanswered(instance, throw, all_schedules is not None or incumbent.bound == -np.inf or not _is_observable(instance))
+    return certify(instance, relaxation.dual, vertex.fractional_segments, incumbent, options.gap, notes)
 
 
-def _unanswered(instance: Instance, throw: bool, is_nothing: bool) -> Schedule:
+def _unanswered(instance: SelectionProblem, throw: bool, is_nothing: bool) -> Schedule:
     """What is said without a schedule of finite value: that every one is -inf, or that none was found."""
     if is_nothing:
-        return refused(instance, throw)
+        return reject(instance, throw)
     if throw:
         raise SolveError("sensor selection", Status.NUMERICAL_ERROR)
-    return failed(instance)
+    return failure_schedule(instance)
 
 
-def _relaxation(instance: Instance, wanted: Wanted, first: tuple[Dual, ...]) -> tuple[Relaxed | None, tuple[str, ...]]:
-    accuracy = min(max(0.1 * wanted.gap, 1e-9), 1e-8)  # what it leaves open, no rounding makes good
+def _relaxation(
+    instance: SelectionProblem, options: SelectionOptions, initial_duals: tuple[Dual, ...]
+) -> tuple[RelaxedSolution | None, tuple[str, ...]]:
+    accuracy = min(max(0.1 * options.gap, 1e-9), 1e-8)  # what it leaves open, no rounding makes good
 
-    def by_columns() -> Relaxed | None:
-        if instance.n >= _MANY_STATES and serves(instance):
-            centre = centred(instance, max(accuracy, _CENTRED))
-            return mixture_of(instance, centre.shares, centre.dual)
-        return relaxed(instance, accuracy, first)
+    def by_columns() -> RelaxedSolution | None:
+        if instance.n >= _MANY_STATES and is_applicable(instance):
+            centre = follow_central_path(instance, max(accuracy, _CENTRAL_PATH_GAP))
+            return uniform_mixture(instance, centre.shares, centre.dual)
+        return solve_relaxation(instance, accuracy, initial_duals)
 
-    def in_one_piece() -> Relaxed | None:
-        from obsdesign.selection.relaxation.cvxpy_relaxation import relaxed_directly  # CVXPY takes a second to load
+    def by_cvxpy() -> RelaxedSolution | None:
+        from obsdesign.selection.relaxation.cvxpy_relaxation import solve_with_cvxpy  # CVXPY takes a second to load
 
-        return relaxed_directly(instance, wanted.time_limit)
+        return solve_with_cvxpy(instance, options.time_limit)
 
-    ways = ("column generation", by_columns), ("the relaxation in one piece", in_one_piece)
-    (name, way), (other_name, other) = ways[::-1] if wanted.method == "direct" else ways
-    found = way()
-    return (found, ()) if found is not None else (other(), (f"{name} failed: {other_name} instead",))
+    methods = ("column generation", by_columns), ("the relaxation in one piece", by_cvxpy)
+    (name, method), (fallback_name, fallback) = methods[::-1] if options.method == "direct" else methods
+    relaxation = method()
+    return (relaxation, ()) if relaxation is not None else (fallback(), (f"{name} failed: {fallback_name} instead",))
 
 
-def _require_information(instance: Instance, rules: tuple[AbstractRule, ...], answer: Answer) -> None:
+def _require_information(instance: SelectionProblem, rules: tuple[AbstractRule, ...], incumbent: Incumbent) -> None:
     """Refuse budgets within which no schedule sees the whole state, while one does without them."""
     smallest = instance.criterion.is_smallest_eigenvalue
-    if not instance.resources or not smallest or answer.value > 0 or instance.switching.any():
+    if not instance.resources or not smallest or incumbent.value > 0 or instance.switching.any():
         return
-    free = seen_through(replace(instance, resources=()))
-    unit = float(instance.judge.metric.max())
-    if free is not None and free.value > _SEES and answer.bound * unit <= _SEES * free.value:
+    unlimited = observable_mixture(replace(instance, resources=()))
+    unit = float(instance.scaled_criterion.metric.max())
+    if (
+        unlimited is not None
+        and unlimited.value > _OBSERVABLE_EIGENVALUE
+        and incumbent.bound * unit <= _OBSERVABLE_EIGENVALUE * unlimited.value
+    ):
         names = "; ".join(str(rule) for rule in rules)
         raise InputError(f"{names}: too small for any schedule that sees the whole state")
 
 
-def _sees_everything(instance: Instance) -> bool:
+def _is_observable(instance: SelectionProblem) -> bool:
     """Whether some mixture of schedules has information about every direction, as far as a solver can tell."""
-    found = seen_through(instance)
-    return found is None or found.value > _SEES
+    mixture = observable_mixture(instance)
+    return mixture is None or mixture.value > _OBSERVABLE_EIGENVALUE

@@ -79,15 +79,15 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
 
         share = ca.SX(1)
         if self.max_range is not None:
-            share *= _open_where(1 - self.distance(state) / self.max_range)
+            share *= _smooth_gate(1 - self.distance(state) / self.max_range)
         if self.field_of_view is not None:
             east, north = self.offset(state)
             ahead = east * ca.cos(state["heading"]) + north * ca.sin(state["heading"])
-            share *= _open_where(ahead / self.distance(state) - ca.cos(self.field_of_view / 2))
+            share *= _smooth_gate(ahead / self.distance(state) - ca.cos(self.field_of_view / 2))
         return share
 
 
-def _open_where(margin: ca.SX) -> ca.SX:
+def _smooth_gate(margin: ca.SX) -> ca.SX:
     """1 / (1 + exp(-margin / 0.05)): 1/2 at margin 0; right to the last digits also far outside, where it is small."""
     import casadi as ca
 

@@ -23,14 +23,14 @@ def as_joint_noise(given: Any, sensors: Mapping[str, AbstractSensor]) -> dict[tu
     """
     if not isinstance(given, Mapping):
         raise InputError(f"joint_noise is {given!r}: must be a mapping of sensors' names to the covariance of their stacked outputs")
-    found: dict[tuple[str, ...], _Rows] = {}
+    covariances: dict[tuple[str, ...], _Rows] = {}
     for names, R in given.items():
         group = _as_group(names, sensors)
-        shared = [name for name in group for other in found if name in other]
+        shared = [name for name in group for earlier in covariances if name in earlier]
         if shared:
             raise InputError(f"joint_noise: {shared[0]!r} is in two groups: put all that belongs together into one")
-        found[group] = _as_covariance(group, R, sum(len(sensors[name].outputs) for name in group))
-    return found
+        covariances[group] = _as_covariance(group, R, sum(len(sensors[name].outputs) for name in group))
+    return covariances
 
 
 def _as_group(names: Any, sensors: Mapping[str, AbstractSensor]) -> tuple[str, ...]:  # noqa: ANN401
@@ -53,8 +53,8 @@ def _as_covariance(names: tuple[str, ...], R: Any, q: int) -> _Rows:  # noqa: AN
     if values.shape != (q, q):
         raise InputError(f"{what} has shape {values.shape}: must be ({q}, {q}) for their stacked outputs")
     if not np.isfinite(values).all():
-        place = np.argwhere(~np.isfinite(values))[0]
-        raise InputError(f"{what}[{place[0]}, {place[1]}] is {values[tuple(place)]}: must be finite")
+        position = np.argwhere(~np.isfinite(values))[0]
+        raise InputError(f"{what}[{position[0]}, {position[1]}] is {values[tuple(position)]}: must be finite")
     size = np.sqrt(np.abs(np.outer(np.diag(values), np.diag(values))))
     if np.any(np.abs(values - values.T) > _SKEW * size):
         raise InputError(f"{what} differs from its transpose: must be symmetric")

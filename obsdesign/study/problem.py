@@ -22,13 +22,13 @@ def start_of(scenario: Scenario) -> np.ndarray:
     return np.array([scenario.start[name] for name in scenario.state_names])
 
 
-def given_paths(scenario: Scenario) -> dict[str, Trajectory]:
+def scenario_paths(scenario: Scenario) -> dict[str, Trajectory]:
     """The paths that a scenario gives, by name: from the start, leg by leg."""
     step, names = scenario.time.step, [signal.name for signal in scenario.vehicle.inputs]
     paths = {}
-    for given in scenario.paths:
-        legs = [np.tile([leg.inputs.get(name, 0.0) for name in names], (round(leg.seconds / step), 1)) for leg in given.legs]
-        paths[given.name] = simulate(scenario.system, start_of(scenario), np.vstack(legs), step, tolerance=scenario.time.tolerance)
+    for table in scenario.paths:
+        legs = [np.tile([leg.inputs.get(name, 0.0) for name in names], (round(leg.seconds / step), 1)) for leg in table.legs]
+        paths[table.name] = simulate(scenario.system, start_of(scenario), np.vstack(legs), step, tolerance=scenario.time.tolerance)
     return paths
 
 
@@ -38,7 +38,7 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
     path, u = paths[0], np.vstack([path.u for path in paths])
     reach = zip(names, u.min(axis=0) - 1.0, u.max(axis=0) + 1.0, strict=True)
     return DesignProblem(
-        system=System(system.vehicle, _kept(system, suite)),
+        system=System(system.vehicle, _suite_sensors(system, suite)),
         start=path.x[0],
         duration=path.step * path.steps,
         step=path.step,
@@ -52,7 +52,7 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
     )
 
 
-def _kept(system: System, suite: tuple[str, ...]) -> tuple[AbstractSensor, ...]:
+def _suite_sensors(system: System, suite: tuple[str, ...]) -> tuple[AbstractSensor, ...]:
     return tuple(sensor for name, sensor in zip(system.sensor_names, system.sensors, strict=True) if name in suite)
 
 
@@ -63,7 +63,7 @@ def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
     if design.path is None:
         raise InputError("the scenario has no design.path: its paths are given")
     return DesignProblem(
-        system=System(system.vehicle, _kept(system, suite)),
+        system=System(system.vehicle, _suite_sensors(system, suite)),
         start=start_of(scenario),
         duration=time.duration if design.shortest is None else (design.shortest, time.duration),
         step=time.step,
@@ -75,8 +75,8 @@ def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
         scale=[scenario.prior[name] for name in scenario.state_names],
         constraints=design.constraints,
         about=design.about,
-        prices=tuple(Price(each.cost, each.per_unit) for each in design.prices),
-        budgets=tuple(Budget(each.cost, each.at_most) for each in design.budgets),
+        prices=tuple(Price(price.cost, price.per_unit) for price in design.prices),
+        budgets=tuple(Budget(budget.cost, budget.at_most) for budget in design.budgets),
         floor=None if floor is None else Floor(floor.seconds, floor.value),
         robust=None if robust is None else Robust(scenario.prior_at_start, robust.samples, robust.worst, robust.seed),
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.analysis.verdict import Verdict
-from obsdesign.design.feasibility import Shortfall
+from obsdesign.design.feasibility import Violation
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.weave import Weave
@@ -69,12 +69,12 @@ class Candidate:
     nodes: np.ndarray
     qualities: tuple[Quality, ...]
     contributions: Contributions
-    shortfalls: tuple[Shortfall, ...]
+    violations: tuple[Violation, ...]
 
     @property
     def feasible(self) -> bool:
         """Whether it breaks no limit."""
-        return not self.shortfalls
+        return not self.violations
 
     @property
     def duration(self) -> float:
@@ -86,13 +86,13 @@ class Candidate:
         """Information (K, S, n, n) of each segment and sensor; amounts from below where errors are not independent."""
         return self.information.by_stretch(self.nodes[:-1])
 
-    def under(self, chosen: np.ndarray) -> np.ndarray:
+    def information_under(self, chosen: np.ndarray) -> np.ndarray:
         """W (n, n) of all samples of a schedule (K, S) together."""
-        return self.information.under(every_step(chosen, self.nodes))
+        return self.information.under(schedule_at_steps(chosen, self.nodes))
 
 
 @dataclass(frozen=True, eq=False)
-class Rival:
+class RivalSchedule:
     """A naive schedule (K, S), its value, and the rules that it breaks."""
 
     name: str
@@ -112,7 +112,7 @@ class Selection:
     """
 
     schedule: Schedule
-    rivals: tuple[Rival, ...]
+    rivals: tuple[RivalSchedule, ...]
     random_values: np.ndarray
     losses: tuple[Loss, ...] = ()
     pareto: Pareto | None = None
@@ -120,7 +120,7 @@ class Selection:
 
 
 @dataclass(frozen=True, eq=False)
-class Check:
+class FilterCheck:
     """Filter runs on one path under one schedule."""
 
     path: str
@@ -153,7 +153,7 @@ class Study(AbstractDisplay):
     """All paths that are compared, each with its quality."""
     selection: Selection
     """The schedule, and what naive ones are worth."""
-    checks: tuple[Check, ...]
+    checks: tuple[FilterCheck, ...]
     """Filter runs on paths under schedules."""
     seconds: Mapping[str, float]
     """Question -> wall time [s]."""
@@ -212,7 +212,7 @@ class Study(AbstractDisplay):
         """Return the candidate of that name."""
         return next(candidate for candidate in self.candidates if candidate.name == name)
 
-    def check(self, path: str, schedule: str) -> Check:
+    def check(self, path: str, schedule: str) -> FilterCheck:
         """Return the filter check of that path and schedule."""
         return next(check for check in self.checks if (check.path, check.schedule) == (path, schedule))
 
@@ -228,6 +228,6 @@ def baseline_of(scenario: Scenario) -> str:
     return scenario.baselines[0].name if scenario.baselines else STRAIGHT
 
 
-def every_step(chosen: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+def schedule_at_steps(chosen: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Return (N, S): a schedule (K, S) at every step, its segments between nodes (K+1,)."""
     return np.repeat(chosen, np.diff(nodes), axis=0)

@@ -20,8 +20,8 @@ from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight, fly
 from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
 from obsdesign.study.candidate_paths import candidate_of, candidates_of
-from obsdesign.study.problem import given_paths, problem_along, problem_of, start_of
-from obsdesign.study.record import CHOSEN, Analysis, Candidate, Check, Selection, Study, baseline_of, every_step, suites_of
+from obsdesign.study.problem import problem_along, problem_of, scenario_paths, start_of
+from obsdesign.study.record import CHOSEN, Analysis, Candidate, FilterCheck, Selection, Study, baseline_of, schedule_at_steps, suites_of
 from obsdesign.study.schedules import select
 from obsdesign.trajectory import Trajectory
 
@@ -51,14 +51,14 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     stage("analyse", f"How? {design.starts} starts for each of {len(problems)} suites, and the best weave")
     designs = tuple(design_trajectory(problem, design.starts, seed, executor, evidence=design.evidence) for problem in problems)
     weave, candidates = candidates_of(scenario, designs)
-    designed = next(each for each in candidates if each.name == DESIGNED)
-    segments, sensors = len(designed.nodes) - 1, len(scenario.sensors)
+    designed_path = next(candidate for candidate in candidates if candidate.name == DESIGNED)
+    segments, sensors = len(designed_path.nodes) - 1, len(scenario.sensors)
     stage("design", f"Which? {segments} segments, {scenario.selection.per_segment} of {sensors} sensors on")
-    selection = select(scenario, designed, designs[0].problem, seed)
+    selection = select(scenario, designed_path, designs[0].problem, seed)
     stage("select", "" if scenario.codesign is None else "Together? Path and schedule at once")
-    joint = _together(scenario, problems[0], seed, executor)
+    joint = _codesign(scenario, problems[0], seed, executor)
     stage("codesign" if joint is not None else "", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
-    cases = tuple(next(each for each in candidates if each.name == name) for name in (DESIGNED, baseline_of(scenario)))
+    cases = tuple(next(candidate for candidate in candidates if candidate.name == name) for name in (DESIGNED, baseline_of(scenario)))
     checks = tuple(_checks(scenario, cases, selection, seed, executor))
     stage("validate", "" if scenario.flight is None else f"In flight? A new plan every {scenario.flight.every:g} s")
     flight = _flight(scenario, problems[0], seed)
@@ -70,38 +70,38 @@ class _Stages:
     """Tells of each stage when it begins, and keeps how long each took."""
 
     def __init__(self, progress: Progress | None) -> None:
-        self._tell = progress or (lambda _: None)
-        self._began = perf_counter()
+        self._report = progress or (lambda _: None)
+        self._start = perf_counter()
         self.seconds: dict[str, float] = {}
 
     def __call__(self, name: str, what: str) -> None:
         if name:
-            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - self._began
-        self._began = perf_counter()
+            self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - self._start
+        self._start = perf_counter()
         if what:
-            self._tell(what)
+            self._report(what)
 
 
 def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progress: Progress | None) -> Study:
     """Answer the questions of a scenario whose paths are given."""
     stage = _Stages(progress)
     stage("", "Can it? The observable space of every suite of sensors")
-    analyses, paths = analyse(scenario, seed), given_paths(scenario)
+    analyses, paths = analyse(scenario, seed), scenario_paths(scenario)
     problems = tuple(problem_along(scenario, suite, tuple(paths.values())) for suite in suites_of(scenario))
     stage("analyse", f"How well? {len(paths)} given paths")
     candidates = tuple(candidate_of(scenario, problems, name, path) for name, path in paths.items())
     stage("rate", "")
     studies: list[Study] = []
-    for each in candidates:
+    for case in candidates:
         stage(
             "",
-            f"Which? {each.name}: {len(each.nodes) - 1} segments, {scenario.selection.per_segment} of {len(scenario.sensors)} sensors on",
+            f"Which? {case.name}: {len(case.nodes) - 1} segments, {scenario.selection.per_segment} of {len(scenario.sensors)} sensors on",
         )
-        selection = select(scenario, each, problems[0], seed)
+        selection = select(scenario, case, problems[0], seed)
         stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 2 cases")
-        checks = tuple(_checks(scenario, (each,), selection, seed, executor))
+        checks = tuple(_checks(scenario, (case,), selection, seed, executor))
         stage("validate", "")
-        studies.append(Study(scenario, seed, analyses, problems, (), None, candidates, selection, checks, stage.seconds, about=each.name))
+        studies.append(Study(scenario, seed, analyses, problems, (), None, candidates, selection, checks, stage.seconds, about=case.name))
     return replace(studies[0], others=tuple(studies[1:]))
 
 
@@ -134,31 +134,33 @@ def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
     )
 
 
-def _together(scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None) -> Joint | None:
-    asked, selection = scenario.codesign, scenario.selection
-    if asked is None:
+def _codesign(scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None) -> Joint | None:
+    settings, selection = scenario.codesign, scenario.selection
+    if settings is None:
         return None
-    return codesign(problem, scenario.segments, selection.per_segment, selection.rules, starts=asked.starts, seed=seed, executor=executor)
+    return codesign(
+        problem, scenario.segments, selection.per_segment, selection.rules, starts=settings.starts, seed=seed, executor=executor
+    )
 
 
 def _flight(scenario: Scenario, problem: DesignProblem, seed: int) -> Flight | None:
-    asked = scenario.flight
-    if asked is None:
+    settings = scenario.flight
+    if settings is None:
         return None
     return fly(
         problem,
         scenario.prior_at_start,
-        every=asked.every,
-        duration=asked.duration,
+        every=settings.every,
+        duration=settings.duration,
         disturbance_psd=scenario.disturbance_psd,
         seed=seed,
-        horizon=asked.horizon,
+        horizon=settings.horizon,
     )
 
 
 def _checks(
     scenario: Scenario, cases: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None
-) -> Iterator[Check]:
+) -> Iterator[FilterCheck]:
     """Filter runs on each path, with the chosen schedule and with the naive one."""
     schedules = {CHOSEN: selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
     for case in cases:
@@ -166,11 +168,11 @@ def _checks(
             validation = validate(
                 scenario.system,
                 case.path,
-                every_step(chosen, case.nodes),
+                schedule_at_steps(chosen, case.nodes),
                 prior=scenario.prior_at_start,
                 runs=scenario.validation.runs,
                 seed=seed,
                 executor=executor,
                 disturbance_psd=scenario.disturbance_psd,
             )
-            yield Check(case.name, name, chosen, validation)
+            yield FilterCheck(case.name, name, chosen, validation)

@@ -30,14 +30,14 @@ def planar_disturbances(wind: Wind | None) -> tuple[Signal, ...]:
     return WIND if wind == "unknown" else ()
 
 
-def forward(x: ca.SX) -> ca.SX:
+def forward_field(x: ca.SX) -> ca.SX:
     """Field of the speed: (cos heading, sin heading, 0, ...)."""
     import casadi as ca
 
     return ca.vertcat(ca.cos(x[2]), ca.sin(x[2]), ca.SX.zeros(x.numel() - 2))
 
 
-def turn(x: ca.SX) -> ca.SX:
+def turn_field(x: ca.SX) -> ca.SX:
     """Field of the turn rate: unit vector of the heading."""
     return unit_field(x, 2)
 
@@ -49,7 +49,7 @@ def unit_field(x: ca.SX, index: int) -> ca.SX:
     return ca.SX([float(row == index) for row in range(x.numel())])
 
 
-def carried(x: ca.SX, wind: Wind | None) -> ca.SX:
+def wind_drift(x: ca.SX, wind: Wind | None) -> ca.SX:
     """Drift by the wind: (wind_x, wind_y, 0, ...) where the wind is a state, else 0."""
     import casadi as ca
 
@@ -57,6 +57,6 @@ def carried(x: ca.SX, wind: Wind | None) -> ca.SX:
     return ca.vertcat(x[3], x[4], ca.SX.zeros(n - 2)) if wind == "constant" else ca.SX.zeros(n)
 
 
-def blown(x: ca.SX, wind: Wind | None) -> tuple[ca.SX, ...]:
+def wind_fields(x: ca.SX, wind: Wind | None) -> tuple[ca.SX, ...]:
     """Fields of the unknown wind components, if they are unknown inputs."""
     return (unit_field(x, 0), unit_field(x, 1)) if wind == "unknown" else ()

@@ -47,5 +47,5 @@ class Dubins(AbstractVehicle):
         return planar.planar_disturbances(self.wind)
 
     def fields(self, x: ca.SX) -> Fields:
-        drift = self.speed * planar.forward(x) + planar.carried(x, self.wind)
-        return Fields(drift, (planar.turn(x),), planar.blown(x, self.wind))
+        drift = self.speed * planar.forward_field(x) + planar.wind_drift(x, self.wind)
+        return Fields(drift, (planar.turn_field(x),), planar.wind_fields(x, self.wind))

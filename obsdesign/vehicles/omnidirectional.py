@@ -56,6 +56,6 @@ class Omnidirectional(AbstractVehicle):
 
         n = x.numel()
         sideways = ca.vertcat(-ca.sin(x[2]), ca.cos(x[2]), ca.SX.zeros(n - 2))
-        motions = (planar.forward(x), sideways, planar.turn(x))
+        motions = (planar.forward_field(x), sideways, planar.turn_field(x))
         slipping = ca.horzcat(*motions) @ x[3:] if self.disturbance == "constant" else ca.SX.zeros(n)
         return Fields(slipping, motions, motions if self.disturbance == "unknown" else ())

@@ -43,4 +43,4 @@ class Unicycle(AbstractVehicle):
         return planar.planar_disturbances(self.wind)
 
     def fields(self, x: ca.SX) -> Fields:
-        return Fields(planar.carried(x, self.wind), (planar.forward(x), planar.turn(x)), planar.blown(x, self.wind))
+        return Fields(planar.wind_drift(x, self.wind), (planar.forward_field(x), planar.turn_field(x)), planar.wind_fields(x, self.wind))

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from obsdesign.design.nlp.evaluation import Multipliers, Slopes, Values
+from obsdesign.design.nlp.evaluation import Derivatives, Evaluation, Multipliers
 from obsdesign.design.problem import DesignProblem
 
 
@@ -18,13 +18,13 @@ class AbstractProgram(ABC):
     upper: np.ndarray
 
     @abstractmethod
-    def at(self, p: np.ndarray) -> Values:
+    def evaluate(self, p: np.ndarray) -> Evaluation:
         """Return the values at p (q,)."""
 
     @abstractmethod
-    def slopes(self, values: Values) -> Slopes:
+    def derivatives(self, evaluation: Evaluation) -> Derivatives:
         """Return the first derivatives where the values were taken."""
 
     @abstractmethod
-    def curvature(self, values: Values, slopes: Slopes, multipliers: Multipliers) -> np.ndarray:
+    def lagrangian_hessian(self, evaluation: Evaluation, derivatives: Derivatives, multipliers: Multipliers) -> np.ndarray:
         """Return the Hessian (q, q) of the Lagrangian: price - sum <Z, matrix> - sum <Z, floor> - z'rows, weighted."""

@@ -8,48 +8,48 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.between_nodes import Low, fine_margins
-from obsdesign.design.nlp.evaluation import NO_ROWS, Choice, Rows
-from obsdesign.design.nlp.margin_curves import Instants, Intervals, best_instant, instants_of, stretches
-from obsdesign.design.nlp.node_functions import nodes_of
+from obsdesign.design.between_nodes import MarginMinimum, fine_path
+from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, InstantChoice
+from obsdesign.design.nlp.margin_curves import Intervals, MarginCurves, best_instant, intersect_intervals, margin_curves_of
+from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.trajectory import Trajectory
 
-_AIM = 5e-7  # by how much a margin, of order 1, may fall short before it is asked for again
+_MARGIN_TOLERANCE = 5e-7  # by how much a margin, of order 1, may fall short before it is asked for again
 # of a shortfall, so much more is asked for at a new instant, up to so much: the least margin moves a little when it is asked for
 _SURPLUS, _MOST_SURPLUS = 0.1, 1e-5
-_SAME = 1e-3  # share of a step within which two instants are one
-_MOST = 40  # instants of one margin that are asked for at once
+_SAME_INSTANT = 1e-3  # share of a step within which two instants are one
+_MAX_INSTANTS = 40  # instants of one margin that are asked for at once
 
 
-def rows_of(problem: DesignProblem) -> Rows:
+def initial_rows(problem: DesignProblem) -> ConstraintRows:
     """Return which margins must hold when: at the nodes within each limit's time, and at its beginning and end."""
-    functions, step = nodes_of(problem.system.model, problem.constraints), problem.step
+    functions, step = node_functions_of(problem.system.model, problem.constraints), problem.step
     if not functions.owner:  # limits that limit nothing, such as a distance from landmarks where there are none
         return NO_ROWS
     owner, of_inputs = np.array(functions.owner), np.array(functions.of_inputs)
-    found, choices, count = [], [], 0
+    blocks, choices, row_count = [], [], 0
     for i, constraint in enumerate(problem.constraints):
-        mine = np.flatnonzero(owner == i)
-        first, last = window_of(constraint, problem.steps * step)
+        margin_indices = np.flatnonzero(owner == i)
+        first, last = time_window(constraint, problem.steps * step)
         if constraint.span.anywhere:
-            choices.append(Choice(count + np.arange(len(mine)), first, last))
-            found += [(np.full(1, problem.steps), np.full(1, margin), np.zeros(1)) for margin in mine]
-            count += len(mine)
+            choices.append(InstantChoice(row_count + np.arange(len(margin_indices)), first, last))
+            blocks += [(np.full(1, problem.steps), np.full(1, margin), np.zeros(1)) for margin in margin_indices]
+            row_count += len(margin_indices)
             continue
-        node, after = _instants_within(first, last, problem.steps, step)
-        for margin in mine:
+        node, delay = _instants_within(first, last, problem.steps, step)
+        for margin in margin_indices:
             # the start is given: nothing can be done about it there, unless the inputs matter
-            kept = (node > 0) | (after > 0) | of_inputs[margin]
-            found.append((node[kept], np.full(int(kept.sum()), margin), after[kept]))
-            count += int(kept.sum())
-    node, margin, after = (
-        (np.concatenate(each) for each in zip(*found, strict=True)) if found else (NO_ROWS.node, NO_ROWS.margin, NO_ROWS.after)
+            is_constrained = (node > 0) | (delay > 0) | of_inputs[margin]
+            blocks.append((node[is_constrained], np.full(int(is_constrained.sum()), margin), delay[is_constrained]))
+            row_count += int(is_constrained.sum())
+    node, margin, delay = (
+        (np.concatenate(column) for column in zip(*blocks, strict=True)) if blocks else (NO_ROWS.node, NO_ROWS.margin, NO_ROWS.delay)
     )
-    return Rows(node, margin, np.zeros(len(node)), after, tuple(choices))
+    return ConstraintRows(node, margin, np.zeros(len(node)), delay, tuple(choices))
 
 
-def window_of(constraint: AbstractConstraint, end: float) -> tuple[float, float]:
+def time_window(constraint: AbstractConstraint, end: float) -> tuple[float, float]:
     """Return when a limit begins and ends to count [s], on a path of so many seconds."""
     first, last = (end if time is None else min(time, end) for time in (constraint.span.first, constraint.span.last))
     return first, last
@@ -69,107 +69,118 @@ def _instants_within(first: float, last: float, steps: int, step: float) -> tupl
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class RowValues:
     """Rows (r,) of a path: their values without allowances, at nodes (r,) and so many seconds after them (r,)."""
 
     values: np.ndarray
     node: np.ndarray
-    after: np.ndarray
+    delay: np.ndarray
 
 
-def placed(problem: DesignProblem, rows: Rows, x: np.ndarray, u: np.ndarray, at_nodes: np.ndarray) -> Placed:
+def evaluate_rows(problem: DesignProblem, rows: ConstraintRows, x: np.ndarray, u: np.ndarray, at_nodes: np.ndarray) -> RowValues:
     """Return rows along states x (N+1, n) with inputs u (N, m), given all margins at the nodes (N+1, r)."""
-    node, after = rows.node, rows.after
-    between = np.flatnonzero(after > 0)
+    node, delay = rows.node, rows.delay
+    between = np.flatnonzero(delay > 0)
     if not len(between) and not rows.choices:
-        return Placed(at_nodes[node, rows.margin], node, after)
-    instants = instants_of(problem.system.model, problem.constraints)
+        return RowValues(at_nodes[node, rows.margin], node, delay)
+    curves = margin_curves_of(problem.system.model, problem.constraints)
     values = at_nodes[node, rows.margin]
     if len(between):
         k = node[between]
-        values[between] = instants.values(x[k], u[k], after[between])[np.arange(len(k)), rows.margin[between]]
+        values[between] = curves.values(x[k], u[k], delay[between])[np.arange(len(k)), rows.margin[between]]
     if rows.choices:
-        node, after = node.copy(), after.copy()
+        node, delay = node.copy(), delay.copy()
     for choice in rows.choices:
-        at, tau = _chosen(problem, instants, choice, rows.margin[choice.rows], (x, u, at_nodes))
-        node[choice.rows], after[choice.rows] = at, tau
-        values[choice.rows] = instants.values(x[[at]], u[[at]], np.array([tau]))[0, rows.margin[choice.rows]]
-    return Placed(values, node, after)
+        best_node, tau = _choose_instant(problem, curves, choice, rows.margin[choice.rows], (x, u, at_nodes))
+        node[choice.rows], delay[choice.rows] = best_node, tau
+        values[choice.rows] = curves.values(x[[best_node]], u[[best_node]], np.array([tau]))[0, rows.margin[choice.rows]]
+    return RowValues(values, node, delay)
 
 
-def _chosen(
-    problem: DesignProblem, instants: Instants, choice: Choice, mine: np.ndarray, path: tuple[np.ndarray, np.ndarray, np.ndarray]
+def _choose_instant(
+    problem: DesignProblem,
+    curves: MarginCurves,
+    choice: InstantChoice,
+    margin_indices: np.ndarray,
+    path: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> tuple[int, float]:
-    """The node, and seconds after it, at which the margins `mine` of a choice hold best."""
+    """The node, and seconds after it, at which the margins `margin_indices` of a choice hold best."""
     (x, u, at_nodes), step = path, problem.step
-    within, low, high = stretches(np.arange(len(u)) * step, step, choice.first, choice.last)
-    least = at_nodes[:, mine].min(axis=1)
-    ends = np.maximum(least[within], least[within + 1])
+    intervals, low, high = intersect_intervals(np.arange(len(u)) * step, step, choice.first, choice.last)
+    lowest_margin = at_nodes[:, margin_indices].min(axis=1)
+    end_margins = np.maximum(lowest_margin[intervals], lowest_margin[intervals + 1])
     # nowhere within a step is a margin larger than at an end of it by more than half of what a step can change
-    kept = np.flatnonzero(~(ends + 0.6 * np.abs(np.diff(least)).max() < ends.max()))
-    promising = within[kept]
-    i, tau, _ = best_instant(instants, Intervals(x[promising], u[promising], low[kept], high[kept]), mine)
+    retained = np.flatnonzero(~(end_margins + 0.6 * np.abs(np.diff(lowest_margin)).max() < end_margins.max()))
+    promising = intervals[retained]
+    i, tau, _ = best_instant(curves, Intervals(x[promising], u[promising], low[retained], high[retained]), margin_indices)
     return int(promising[i]), tau
 
 
 def node_margins(problem: DesignProblem, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return the margins that must hold at the nodes of states x (N+1, n) with inputs u (N, m), and at the ends of limits' times."""
-    values = nodes_of(problem.system.model, problem.constraints).values(x, np.vstack([u, u[-1:]]))
-    return placed(problem, rows_of(problem), x, u, values).values
+    values = node_functions_of(problem.system.model, problem.constraints).values(x, np.vstack([u, u[-1:]]))
+    return evaluate_rows(problem, initial_rows(problem), x, u, values).values
 
 
-def tightened(problem: DesignProblem, path: Trajectory, rows: Rows, factor: float = 1.1) -> Rows | None:
+def tighten(problem: DesignProblem, path: Trajectory, rows: ConstraintRows, factor: float = 1.1) -> ConstraintRows | None:
     """Return rows that ask for what the path falls short of, at the instants at which it does, or None where it nowhere does.
 
     An instant that has a row already is asked for `factor` times the shortfall more. A new row asks for as much more as its margin
     is too large by the coarse steps of the path.
     """
-    low = [each for each in _lows(problem, path) if each.value < -_AIM]
-    if not low:
+    minima = [minimum for minimum in _margin_minima(problem, path) if minimum.value < -_MARGIN_TOLERANCE]
+    if not minima:
         return None
-    allowance, more = rows.allowance.copy(), []
-    times, asked = rows.node * problem.step + rows.after, {int(row) for choice in rows.choices for row in choice.rows}
-    once = {int(rows.margin[row]): row for row in asked}
-    for each in low:
-        if each.margin in once:
-            allowance[once[each.margin]] -= factor * each.value
+    allowance, new_minima = rows.allowance.copy(), []
+    times, choice_rows = rows.node * problem.step + rows.delay, {int(row) for choice in rows.choices for row in choice.rows}
+    row_of_margin = {int(rows.margin[row]): row for row in choice_rows}
+    for minimum in minima:
+        if minimum.margin in row_of_margin:
+            allowance[row_of_margin[minimum.margin]] -= factor * minimum.value
             continue
-        near = np.flatnonzero((rows.margin == each.margin) & (np.abs(times - each.time) <= _SAME * problem.step))
-        if near.size:
-            allowance[near] = rows.allowance[near] - factor * each.value
+        nearby_rows = np.flatnonzero((rows.margin == minimum.margin) & (np.abs(times - minimum.time) <= _SAME_INSTANT * problem.step))
+        if nearby_rows.size:
+            allowance[nearby_rows] = rows.allowance[nearby_rows] - factor * minimum.value
         else:
-            more.append(each)
-    return replace(rows, allowance=allowance).with_more(_new_rows(problem, path, more))
+            new_minima.append(minimum)
+    return replace(rows, allowance=allowance).extend(_new_rows(problem, path, new_minima))
 
 
 @np.errstate(invalid="ignore", over="ignore")
-def _lows(problem: DesignProblem, path: Trajectory) -> list[Low]:
+def _margin_minima(problem: DesignProblem, path: Trajectory) -> list[MarginMinimum]:
     """Local minima of all margins, the worst few of each; of what must hold once, the best instant."""
-    if not nodes_of(problem.system.model, problem.constraints).owner:
+    if not node_functions_of(problem.system.model, problem.constraints).owner:
         return []
-    fine, found = fine_margins(problem, path), []
+    fine, minima = fine_path(problem, path), []
     for i, constraint in enumerate(problem.constraints):
-        mine = np.flatnonzero(fine.owner == i)
-        if not len(mine):
+        margin_indices = np.flatnonzero(fine.owner == i)
+        if not len(margin_indices):
             continue
         if constraint.span.anywhere:
-            found.append(fine.best(mine, constraint.span))
+            minima.append(fine.best_instant(margin_indices, constraint.span))
         else:
-            found += sorted(fine.lows(mine, constraint.span), key=lambda low: low.value)[: _MOST * len(mine)]
-    return found
+            minima += sorted(fine.minima(margin_indices, constraint.span), key=lambda minimum: minimum.value)[
+                : _MAX_INSTANTS * len(margin_indices)
+            ]
+    return minima
 
 
-def _new_rows(problem: DesignProblem, path: Trajectory, low: Sequence[Low]) -> Rows:
+def _new_rows(problem: DesignProblem, path: Trajectory, minima: Sequence[MarginMinimum]) -> ConstraintRows:
     """Rows at the instants of local minima, by the path's own steps."""
-    if not low:
+    if not minima:
         return NO_ROWS
-    step, functions = problem.step, nodes_of(problem.system.model, problem.constraints)
-    margin, time = np.array([each.margin for each in low]), np.array([each.time for each in low])
+    step, functions = problem.step, node_functions_of(problem.system.model, problem.constraints)
+    margin, time = np.array([minimum.margin for minimum in minima]), np.array([minimum.time for minimum in minima])
     node = np.minimum((time / step + 1e-9).astype(int), path.steps - 1)
-    after = np.clip(time - node * step, 0.0, step)
-    before = np.array([each.before for each in low]) & (after < _SAME * step) & (node > 0) & np.array(functions.of_inputs)[margin]
-    node, after = np.where(before, node - 1, node), np.where(before, step, after)
-    instants = instants_of(problem.system.model, problem.constraints)
-    coarse = instants.values(path.x[node], path.u[node], after)[np.arange(len(node)), margin]
-    value = np.array([each.value for each in low])
-    return Rows(node, margin, np.maximum(coarse - value, 0.0) + np.minimum(_SURPLUS * -value, _MOST_SURPLUS), after)
+    delay = np.clip(time - node * step, 0.0, step)
+    is_before_jump = (
+        np.array([minimum.before_jump for minimum in minima])
+        & (delay < _SAME_INSTANT * step)
+        & (node > 0)
+        & np.array(functions.of_inputs)[margin]
+    )
+    node, delay = np.where(is_before_jump, node - 1, node), np.where(is_before_jump, step, delay)
+    curves = margin_curves_of(problem.system.model, problem.constraints)
+    coarse = curves.values(path.x[node], path.u[node], delay)[np.arange(len(node)), margin]
+    value = np.array([minimum.value for minimum in minima])
+    return ConstraintRows(node, margin, np.maximum(coarse - value, 0.0) + np.minimum(_SURPLUS * -value, _MOST_SURPLUS), delay)

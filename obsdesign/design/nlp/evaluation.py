@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.nlp.rollout import Along
+from obsdesign.design.nlp.rollout import Rollout
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class InstantChoice:
     """Rows that must hold together at one instant only, any from `first` to `last` [s]: they are taken where they hold best."""
 
     rows: np.ndarray
@@ -19,46 +19,46 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class ConstraintRows:
     """Which margins must hold when, and by how much more than 0: node, margin, allowance (r,), and seconds after the node (r,)."""
 
     node: np.ndarray
     margin: np.ndarray
     allowance: np.ndarray
-    after: np.ndarray
-    choices: tuple[Choice, ...] = ()
+    delay: np.ndarray
+    choices: tuple[InstantChoice, ...] = ()
 
-    def of(self, chosen: np.ndarray) -> Rows:
+    def select(self, indices: np.ndarray) -> ConstraintRows:
         """Return some of the rows, all of which hold at an instant of their own."""
-        return Rows(self.node[chosen], self.margin[chosen], self.allowance[chosen], self.after[chosen])
+        return ConstraintRows(self.node[indices], self.margin[indices], self.allowance[indices], self.delay[indices])
 
-    def with_more(self, more: Rows) -> Rows:
+    def extend(self, extra: ConstraintRows) -> ConstraintRows:
         """Return these rows, followed by others that hold at an instant of their own."""
-        node, margin = np.concatenate([self.node, more.node]), np.concatenate([self.margin, more.margin])
-        allowance, after = np.concatenate([self.allowance, more.allowance]), np.concatenate([self.after, more.after])
-        return Rows(node, margin, allowance, after, self.choices)
+        node, margin = np.concatenate([self.node, extra.node]), np.concatenate([self.margin, extra.margin])
+        allowance, delay = np.concatenate([self.allowance, extra.allowance]), np.concatenate([self.delay, extra.delay])
+        return ConstraintRows(node, margin, allowance, delay, self.choices)
 
 
-NO_ROWS = Rows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
+NO_ROWS = ConstraintRows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zeros(0), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
-class Values:
+class Evaluation:
     """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0 so long after node, price."""
 
     p: np.ndarray
-    along: Along
-    windows: Along | None
+    rollout: Rollout
+    window_rollouts: Rollout | None
     matrices: np.ndarray
     floors: np.ndarray
     rows: np.ndarray
     price: float
     node: np.ndarray
-    after: np.ndarray
+    delay: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Slopes:
+class Derivatives:
     """First derivatives: matrices (b, q, n, n), floors (f, q, n, n), rows (r, q), price (q,), and what second ones are made of."""
 
     matrices: np.ndarray
@@ -67,7 +67,7 @@ class Slopes:
     price: np.ndarray
     M: np.ndarray
     G: np.ndarray
-    windows: np.ndarray | None
+    window_sensitivity: np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +79,11 @@ class Multipliers:
     rows: np.ndarray
     price: float
 
-    def times(self, factor: float) -> Multipliers:
+    def scale(self, factor: float) -> Multipliers:
         """Return all of them multiplied."""
         return Multipliers(self.matrices * factor, self.floors * factor, self.rows * factor, self.price * factor)
 
-    def with_rows(self, before: int, after: int) -> Multipliers:
+    def with_rows(self, old_count: int, new_count: int) -> Multipliers:
         """Return multipliers for more rows of constraints than before: nothing for those that are new."""
-        more = np.concatenate([self.rows[:before], np.zeros(after - before), self.rows[before:]])
-        return Multipliers(self.matrices, self.floors, more, self.price)
+        extended = np.concatenate([self.rows[:old_count], np.zeros(new_count - old_count), self.rows[old_count:]])
+        return Multipliers(self.matrices, self.floors, extended, self.price)

@@ -10,19 +10,19 @@ import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.nuisance_states import Nuisance, nuisance_of
-from obsdesign.dynamics.step import CACHED, Step, blocks_of, sensitivity_of, step_of
+from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.step import CACHE_SIZE, Step, blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import colour_of
-from obsdesign.information.nuisance_information import Errors, sampled_with
+from obsdesign.information.nuisance_information import ErrorDistribution, update_with_samples
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_graph import instant_of
-from obsdesign.packing import packed, packed_values, symmetric
+from obsdesign.packing import pack, pack_values, symmetric
 
 _UNSEEN = 1e-12  # share of an unknown input's size below which it has not been seen
 
 
 @dataclass(frozen=True, eq=False)
-class Recursion:
+class InformationRecursion:
     """z_0 = (x_0, start), z_k+1 = z_next(z_k, u_k), judged matrix = sum of gain(z_k), packed; due: weights of the step's parts.
 
     z (c, 1), its first n entries the state; u (m, 1); due (s, 1): for a Gramian 1 for each sensor with a sample at that step, for
@@ -37,99 +37,104 @@ class Recursion:
     start: np.ndarray
 
 
-@lru_cache(CACHED)
-def gramian_recursion(model: Model, step: float, substeps: int = 1, counted: bool = False) -> Recursion:
+@lru_cache(CACHE_SIZE)
+def gramian_recursion(model: Model, step: float, substeps: int = 1, counted: bool = False) -> InformationRecursion:
     """Carry Phi; gain = sum over sensors of due_s Phi' C_s' R_s^-1 C_s Phi.
 
     Where errors are not independent, carry what is remembered of them as well: gains are what samples add to those before them, due
     is (share, due) (2 S,); counted: amounts from below for stretches, due is (share, due, fresh, factor, spread), see `Instant`.
     """
-    one, shape = step_of(model, step, substeps).without_disturbance(), sensitivity_of(model, step, substeps)
+    dynamics, sensitivity = step_of(model, step, substeps).without_disturbance(), sensitivity_of(model, step, substeps)
     if colour_of(model) is not None:
-        found = instant_of(model, shape.Phi, masked=True, counted=counted)
-        gain = sum(found.blocks, ca.SX(*shape.Phi.shape))
-        z, z_next = ca.vertcat(one.x, shape.free, found.carry), ca.vertcat(one.x_next, shape.next, found.carry_next)
-        due = ca.vertcat(found.taken[1], found.taken[0], *found.taken[2:])
-        return Recursion(z, one.u, due, z_next, packed(ca.densify(gain)), np.concatenate([shape.start, found.start]))
+        samples = instant_of(model, sensitivity.Phi, is_masked=True, is_additive=counted)
+        gain = sum(samples.blocks, ca.SX(*sensitivity.Phi.shape))
+        z, z_next = (
+            ca.vertcat(dynamics.x, sensitivity.free, samples.carry),
+            ca.vertcat(dynamics.x_next, sensitivity.free_next, samples.carry_next),
+        )
+        due = ca.vertcat(samples.sampling[1], samples.sampling[0], *samples.sampling[2:])
+        return InformationRecursion(z, dynamics.u, due, z_next, pack(ca.densify(gain)), np.concatenate([sensitivity.start, samples.start]))
     due = ca.SX.sym("due", len(model.channels))
-    blocks = blocks_of(model, shape.Phi)
-    gain = sum((due[s] * block for s, block in enumerate(blocks)), ca.SX(*shape.Phi.shape))
-    z = ca.vertcat(one.x, shape.free)
-    return Recursion(z, one.u, due, ca.vertcat(one.x_next, shape.next), packed(ca.densify(gain)), shape.start)
+    blocks = blocks_of(model, sensitivity.Phi)
+    gain = sum((due[s] * block for s, block in enumerate(blocks)), ca.SX(*sensitivity.Phi.shape))
+    z = ca.vertcat(dynamics.x, sensitivity.free)
+    return InformationRecursion(
+        z, dynamics.u, due, ca.vertcat(dynamics.x_next, sensitivity.free_next), pack(ca.densify(gain)), sensitivity.start
+    )
 
 
-@lru_cache(CACHED)
-def bare_recursion(model: Model, step: float, substeps: int = 1) -> Recursion:
+@lru_cache(CACHE_SIZE)
+def state_recursion(model: Model, step: float, substeps: int = 1) -> InformationRecursion:
     """Carry the state alone, and gain nothing."""
-    one = step_of(model, step, substeps).without_disturbance()
-    return Recursion(one.x, one.u, ca.SX.sym("due", len(model.channels)), one.x_next, ca.SX(0, 1), np.zeros(0))
+    dynamics = step_of(model, step, substeps).without_disturbance()
+    return InformationRecursion(dynamics.x, dynamics.u, ca.SX.sym("due", len(model.channels)), dynamics.x_next, ca.SX(0, 1), np.zeros(0))
 
 
-@lru_cache(CACHED)
-def posterior_recursion(model: Model, step: float, known: Knowledge, substeps: int = 1) -> Recursion:
+@lru_cache(CACHE_SIZE)
+def posterior_recursion(model: Model, step: float, knowledge: Knowledge, substeps: int = 1) -> InformationRecursion:
     """Carry J, packed, before the samples of t_k: J+ = M - M B (B'M B + Q^-1)^-1 B'M with M = F^-T (J + C'R^-1 C) F^-1.
 
     The last gain is J + C'R^-1 C of t_N-1. In plain arithmetic, smooth, for the solver; values are recomputed with square roots.
-    With errors that last, J is about the constant ones (c of them) and the state, and `Errors` are carried along.
+    With errors that last, J is about the constant ones (c of them) and the state, and `ErrorDistribution` are carried along.
     """
-    one, nuisance = step_of(model, step, substeps).without_disturbance(), nuisance_of(model, step)
+    dynamics, nuisance = step_of(model, step, substeps).without_disturbance(), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     due, (J, entries) = ca.SX.sym("due", len(model.channels) + 1), symmetric("J", c + n)
     M, (V, spread) = ca.SX.sym("M", a, c + n), symmetric("V", a)
-    after, errors = _after_samples(model, nuisance, (J, Errors(M, V)), due)
-    moved, later = _moved(one, _columns(model, one, step, known), (after, errors.later(nuisance)))
+    updated, errors = _after_samples(model, nuisance, (J, ErrorDistribution(M, V)), due)
+    predicted, next_errors = _predict(dynamics, _noise_columns(model, dynamics, step, knowledge), (updated, errors.predict(nuisance)))
     start = np.eye(c + n)
-    start[c:, c:] = np.linalg.inv(known.prior.covariance)
-    z = ca.vertcat(one.x, entries, ca.vec(M), spread)
-    z_next = ca.vertcat(one.x_next, packed(moved), ca.vec(ca.densify(later.M)), packed(later.V))
-    first = np.concatenate([packed_values(start.T), np.zeros(a * (c + n)), packed_values(nuisance.R)])
-    return Recursion(z, one.u, due, z_next, due[-1] * packed(_about_state(after, c)), first)
+    start[c:, c:] = np.linalg.inv(knowledge.prior.covariance)
+    z = ca.vertcat(dynamics.x, entries, ca.vec(M), spread)
+    z_next = ca.vertcat(dynamics.x_next, pack(predicted), ca.vec(ca.densify(next_errors.M)), pack(next_errors.V))
+    first = np.concatenate([pack_values(start.T), np.zeros(a * (c + n)), pack_values(nuisance.R)])
+    return InformationRecursion(z, dynamics.u, due, z_next, due[-1] * pack(_eliminate_constants(updated, c)), first)
 
 
-_Known = tuple[ca.SX, Errors]  # J about (b, x), and the other errors given those
+_JointInformation = tuple[ca.SX, ErrorDistribution]  # J about (b, x), and the other errors given those
 
 
-def _after_samples(model: Model, nuisance: Nuisance, before: _Known, due: ca.SX) -> _Known:
+def _after_samples(model: Model, nuisance: NuisanceStates, before: _JointInformation, due: ca.SX) -> _JointInformation:
     J, errors = before
     if not nuisance.size:
         blocks = blocks_of(model, ca.SX.eye(len(model.states)))
         return J + sum((due[s] * block for s, block in enumerate(blocks)), ca.SX(*J.shape)), errors
-    rows, counts, after = sampled_with(model, nuisance, errors, due)
+    rows, counts, after = update_with_samples(model, nuisance, errors, due)
     return J + rows.T @ (ca.repmat(counts, 1, rows.shape[1]) * rows), after
 
 
-def _moved(one: Step, columns: list[tuple[ca.SX, float]], after: _Known) -> _Known:
+def _predict(dynamics: Step, columns: list[tuple[ca.SX, float]], updated: _JointInformation) -> _JointInformation:
     """Return what is known of x_k+1 when columns move it, each by what has so much information, and of the errors given that."""
-    (J, errors), n = after, one.x.numel()
+    (J, errors), n = updated, dynamics.x.numel()
     c = J.shape[0] - n
-    inverse = ca.solve(one.F, ca.SX.eye(n))
-    back = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
-    moved, M, V = back.T @ J @ back, errors.M @ back, errors.V
-    for column, least in columns:
+    inverse = ca.solve(dynamics.F, ca.SX.eye(n))
+    transform = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
+    predicted, M, V = transform.T @ J @ transform, errors.M @ transform, errors.V
+    for column, information in columns:
         b = ca.vertcat(ca.SX(c, 1), column)
-        g, size = _taken(moved, b, least)
+        g, size = _downdate_terms(predicted, b, information)
         along = M @ b
-        moved, M, V = moved - g @ g.T / size, M - along @ g.T / size, V + along @ along.T / size
-    return moved, Errors(M, V)
+        predicted, M, V = predicted - g @ g.T / size, M - along @ g.T / size, V + along @ along.T / size
+    return predicted, ErrorDistribution(M, V)
 
 
-def _columns(model: Model, one: Step, step: float, known: Knowledge) -> list[tuple[ca.SX, float]]:
+def _noise_columns(model: Model, dynamics: Step, step: float, knowledge: Knowledge) -> list[tuple[ca.SX, float]]:
     """What moves the state beside its inputs, and the information that there is about it before: 0 of unknown inputs, 1 of noise."""
     names = [signal.name for signal in model.unknown_inputs]
-    L = noise_factor(known.disturbance_psd, len(model.states), step)
-    unknown = [(one.B_w[:, names.index(name)], 0.0) for name in known.unknown_inputs]
+    L = noise_factor(knowledge.disturbance_psd, len(model.states), step)
+    unknown = [(dynamics.B_w[:, names.index(name)], 0.0) for name in knowledge.unknown_inputs]
     return unknown + [(ca.SX(ca.DM(L[:, column])), 1.0) for column in range(L.shape[1])]
 
 
-def _taken(M: ca.SX, b: ca.SX, least: float) -> tuple[ca.SX, ca.SX]:
+def _downdate_terms(M: ca.SX, b: ca.SX, information: float) -> tuple[ca.SX, ca.SX]:
     """M b and b'M b + least: M - M b b'M / that is left when something moves the state along b."""
     g = M @ b
-    size = ca.dot(b, g) + least
-    safe = size + _UNSEEN * (ca.trace(M) * ca.sumsqr(b)) * float(least == 0)
+    size = ca.dot(b, g) + information
+    safe = size + _UNSEEN * (ca.trace(M) * ca.sumsqr(b)) * float(information == 0)
     return g, safe + 1e-300
 
 
-def _about_state(J: ca.SX, c: int) -> ca.SX:
+def _eliminate_constants(J: ca.SX, c: int) -> ca.SX:
     """Schur complement of the first c: constant errors have information of their own, so that no pivot is 0."""
     for _ in range(c):
         J = J[1:, 1:] - J[1:, 0] @ J[0, 1:] / J[0, 0]

@@ -8,17 +8,17 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from obsdesign.dynamics.step import CACHED
+from obsdesign.dynamics.step import CACHE_SIZE
 from obsdesign.paths.abstract import AbstractPath, Grid
 
 
 @dataclass(frozen=True, eq=False)
-class Inputs:
+class InputMap:
     """How parameters become inputs: u (N, m), du/dp (N, m, q), and the Hessian of weights'u; margins of the rates of change."""
 
     value: ca.Function
-    slope: ca.Function
-    bend: ca.Function
+    jacobian: ca.Function
+    hessian: ca.Function
     rates: ca.Function
     is_linear: bool
 
@@ -26,25 +26,25 @@ class Inputs:
     def line(self) -> tuple[np.ndarray, np.ndarray]:
         """Offset (N m,) and slope (N m, q) of inputs that are linear in their parameters."""
         nowhere = np.zeros(self.value.size1_in(0))
-        found = self.value(nowhere).full().ravel(), self.slope(nowhere).full()
+        found = self.value(nowhere).full().ravel(), self.jacobian(nowhere).full()
         for each in found:
             each.flags.writeable = False  # they are shared
         return found
 
 
-@lru_cache(CACHED)
-def inputs_of(path: AbstractPath, grid: Grid) -> Inputs:
+@lru_cache(CACHE_SIZE)
+def input_map_of(path: AbstractPath, grid: Grid) -> InputMap:
     """Return the functions of a path family on a grid; inputs row by row, all of a step side by side."""
     p = ca.SX.sym("p", len(path.box(grid)[0]))
     u = ca.vec(ca.SX(path.inputs(p, grid)).T)
-    weights, slope = ca.SX.sym("weights", u.numel()), ca.jacobian(u, p)
+    weights, jacobian = ca.SX.sym("weights", u.numel()), ca.jacobian(u, p)
     rates = ca.SX(path.rates(p, grid))
-    is_linear = not ca.depends_on(slope, p)
-    bend = ca.SX(p.numel(), p.numel()) if is_linear else ca.hessian(ca.dot(weights, u), p)[0]
-    return Inputs(
+    is_linear = not ca.depends_on(jacobian, p)
+    hessian = ca.SX(p.numel(), p.numel()) if is_linear else ca.hessian(ca.dot(weights, u), p)[0]
+    return InputMap(
         ca.Function("u", [p], [ca.densify(u)]),
-        ca.Function("slope", [p], [ca.densify(slope)]),
-        ca.Function("bend", [p, weights], [ca.densify(bend)]),
+        ca.Function("slope", [p], [ca.densify(jacobian)]),
+        ca.Function("bend", [p, weights], [ca.densify(hessian)]),
         ca.Function("rates", [p], [ca.densify(ca.vec(rates)), ca.densify(ca.jacobian(ca.vec(rates), p))]),
         is_linear,
     )

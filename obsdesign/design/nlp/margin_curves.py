@@ -13,18 +13,18 @@ from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.nlp.node_functions import moment_of
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHED
-from obsdesign.packing import packed, unpacked
+from obsdesign.dynamics.step import CACHE_SIZE
+from obsdesign.packing import pack, unpack
 
 _NOTHING, _EMPTY = np.empty((1, 0)), ca.SX(0, 1)
 # cells of an interval at whose ends a margin is looked at, in so many rounds, about the best instants of so many intervals
-_TRIED, _ROUNDS, _BASINS = 4, 3, 3
-_NEWTON = 3  # steps from the best instant of the last round: near it each doubles the number of right digits
-_LEVEL = 1e-4  # share of the square root of its curvature by which a margin may still rise where it is called largest
+_CELLS, _ROUNDS, _BASINS = 4, 3, 3
+_NEWTON_STEPS = 3  # steps from the best instant of the last round: near it each doubles the number of right digits
+_STATIONARY_SHARE = 1e-4  # share of the square root of its curvature by which a margin may still rise where it is called largest
 
 
 @dataclass(frozen=True, eq=False)
-class Instants:
+class MarginCurves:
     """Margins (r,) at x(tau), tau seconds after a node (x, u) with u held, by one step of Runge-Kutta; derivatives to (x, u).
 
     at_node: the margins themselves, and their first and second derivatives in time, at the node.
@@ -33,85 +33,87 @@ class Instants:
     x: ca.SX
     u: ca.SX
     tau: ca.SX
-    then: ca.SX
-    later: ca.SX
+    x_tau: ca.SX
+    margins_tau: ca.SX
     at_node: tuple[ca.SX, ca.SX, ca.SX]
 
     def values(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return (K, r) for x (K, n), u (K, m), tau (K,)."""
-        return self._value.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results[0][0]
+        return self._margin_scan.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results[0][0]
 
     def states(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return x(tau) (K, n) for x (K, n), u (K, m), tau (K,)."""
-        return self._state.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results[0][0]
+        return self._state_scan.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results[0][0]
 
-    def slopes(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    def gradients(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return derivatives (K, r, n + m) to (x, u)."""
-        found = self._slope.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results[0][0]
-        return found.reshape(len(x), -1, x.shape[1] + u.shape[1])
+        gradients = self._gradient_scan.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results[0][0]
+        return gradients.reshape(len(x), -1, x.shape[1] + u.shape[1])
 
-    def bends(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def hessians(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return gradient (K, v) and Hessian (K, v, v) of weights' values, weights (K, r)."""
-        g, H = self._bend.run(_NOTHING, [x, u, tau[:, None], weights], len(x), carries=False).results
-        return g[0], unpacked(H[0], g.shape[-1])
+        g, H = self._hessian_scan.run(_NOTHING, [x, u, tau[:, None], weights], len(x), carries=False).results
+        return g[0], unpack(H[0], g.shape[-1])
 
-    def following(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    def best_instant_hessians(self, x: np.ndarray, u: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return (K, r, v, v): what a margin's second derivative to (x, u) gains where tau is always where the margin is largest.
 
         With tau* that of dm/dtau = 0: d2 m(v, tau*(v)) = m_vv - m_vtau m_tauv / m_tautau; 0 where m is not at its largest.
         """
-        slope, bend, mixed = (each[0] for each in self._following.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results)
-        mixed = mixed.reshape(*bend.shape, -1)
-        largest = (bend < 0) & (np.abs(slope) < _LEVEL * np.sqrt(np.maximum(-bend, 0.0)))
-        weight = np.where(largest, 1 / np.where(largest, -bend, 1.0), 0.0)
-        return weight[..., None, None] * mixed[..., None] * mixed[..., None, :]
+        rate, second_rate, cross = (
+            output[0] for output in self._best_instant_scan.run(_NOTHING, [x, u, tau[:, None]], len(x), carries=False).results
+        )
+        cross = cross.reshape(*second_rate.shape, -1)
+        largest = (second_rate < 0) & (np.abs(rate) < _STATIONARY_SHARE * np.sqrt(np.maximum(-second_rate, 0.0)))
+        weight = np.where(largest, 1 / np.where(largest, -second_rate, 1.0), 0.0)
+        return weight[..., None, None] * cross[..., None] * cross[..., None, :]
 
-    def in_time(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def time_derivatives(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return margins (K, r) at nodes, and their first and second derivatives in time with u held."""
-        value, first, second = self._rates.run(_NOTHING, [x, u], len(x), carries=False).results
+        value, first, second = self._time_derivative_scan.run(_NOTHING, [x, u], len(x), carries=False).results
         return value[0], first[0], second[0]
 
     @cached_property
-    def _value(self) -> Scan:
-        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [self.later])
+    def _margin_scan(self) -> Scan:
+        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [self.margins_tau])
 
     @cached_property
-    def _state(self) -> Scan:
-        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [self.then])
+    def _state_scan(self) -> Scan:
+        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [self.x_tau])
 
     @cached_property
-    def _slope(self) -> Scan:
-        slope = ca.jacobian(self.later, ca.vertcat(self.x, self.u))
-        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [ca.vec(ca.densify(slope).T)])
+    def _gradient_scan(self) -> Scan:
+        gradient = ca.jacobian(self.margins_tau, ca.vertcat(self.x, self.u))
+        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [ca.vec(ca.densify(gradient).T)])
 
     @cached_property
-    def _bend(self) -> Scan:
-        weights = ca.SX.sym("weights", self.later.numel())
-        H, g = ca.hessian(ca.dot(weights, self.later), ca.vertcat(self.x, self.u))
-        return Scan(_EMPTY, [self.x, self.u, self.tau, weights], _EMPTY, [ca.densify(g), packed(ca.densify(H))])
+    def _hessian_scan(self) -> Scan:
+        weights = ca.SX.sym("weights", self.margins_tau.numel())
+        H, g = ca.hessian(ca.dot(weights, self.margins_tau), ca.vertcat(self.x, self.u))
+        return Scan(_EMPTY, [self.x, self.u, self.tau, weights], _EMPTY, [ca.densify(g), pack(ca.densify(H))])
 
     @cached_property
-    def _following(self) -> Scan:
-        slope = ca.jacobian(self.later, self.tau)
-        bend, mixed = ca.jacobian(slope, self.tau), ca.jacobian(slope, ca.vertcat(self.x, self.u))
-        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [ca.densify(slope), ca.densify(bend), ca.vec(ca.densify(mixed).T)])
+    def _best_instant_scan(self) -> Scan:
+        rate = ca.jacobian(self.margins_tau, self.tau)
+        second_rate, cross = ca.jacobian(rate, self.tau), ca.jacobian(rate, ca.vertcat(self.x, self.u))
+        return Scan(_EMPTY, [self.x, self.u, self.tau], _EMPTY, [ca.densify(rate), ca.densify(second_rate), ca.vec(ca.densify(cross).T)])
 
     @cached_property
-    def _rates(self) -> Scan:
+    def _time_derivative_scan(self) -> Scan:
         return Scan(_EMPTY, [self.x, self.u], _EMPTY, list(self.at_node))
 
 
-@lru_cache(CACHED)
-def instants_of(model: Model, constraints: tuple[AbstractConstraint, ...]) -> Instants:
+@lru_cache(CACHE_SIZE)
+def margin_curves_of(model: Model, constraints: tuple[AbstractConstraint, ...]) -> MarginCurves:
     """Return the functions of a model's constraints."""
-    moment, tau = moment_of(model), ca.SX.sym("tau")
-    parts = [ca.SX(margin) for constraint in constraints for margin in constraint.margins(moment)]
+    instant, tau = moment_of(model), ca.SX.sym("tau")
+    parts = [ca.SX(margin) for constraint in constraints for margin in constraint.margins(instant)]
     column, drift = ca.vertcat(*parts) if parts else ca.SX(0, 1), model.drift + model.B @ model.u
     rate, margins = ca.Function("rate", [model.x, model.u], [drift]), ca.Function("margins", [model.x, model.u], [column])
-    then = rk4(lambda x: ca.SX(rate(x, model.u)), model.x, tau)  # a symbol serves as well
+    x_tau = rk4(lambda x: ca.SX(rate(x, model.u)), model.x, tau)  # a symbol serves as well
     first = lie_derivative(column, model.x, drift)
     second = lie_derivative(first, model.x, drift)
-    return Instants(model.x, model.u, tau, then, ca.SX(margins(then, model.u)), (column, first, second))
+    return MarginCurves(model.x, model.u, tau, x_tau, ca.SX(margins(x_tau, model.u)), (column, first, second))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +125,12 @@ class Intervals:
     low: np.ndarray
     high: np.ndarray
 
-    def only(self, chosen: np.ndarray) -> Intervals:
+    def select(self, chosen: np.ndarray) -> Intervals:
         """Return some of them."""
         return Intervals(self.x[chosen], self.u[chosen], self.low[chosen], self.high[chosen])
 
 
-def stretches(t: np.ndarray, length: float, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def intersect_intervals(t: np.ndarray, length: float, first: float, last: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return which intervals of so many seconds from t (I,) on [first, last] meets, and from when to when in each [s]: (K,) each."""
     low, high = np.clip(first - t, 0.0, length), np.clip(last - t, 0.0, length)
     slack = 1e-9 * length
@@ -136,46 +138,50 @@ def stretches(t: np.ndarray, length: float, first: float, last: float) -> tuple[
     return within, np.minimum(low, high)[within], high[within]
 
 
-def best_instant(instants: Instants, every: Intervals, mine: np.ndarray) -> tuple[int, float, float]:
-    """Return the interval, the seconds after its beginning, and the value at which the least of the margins `mine` is largest.
+def best_instant(curves: MarginCurves, intervals: Intervals, margin_indices: np.ndarray) -> tuple[int, float, float]:
+    """Return the interval, the seconds after its beginning, and the value at which the least of the margins `margin_indices` is largest.
 
     Looked for on ever finer grids about the best instants, then by Newton's method.
     """
-    chosen, low, width = np.arange(len(every.low)), every.low, every.high - every.low
-    best = (0, float(every.high[0]), -np.inf)
+    chosen, low, width = np.arange(len(intervals.low)), intervals.low, intervals.high - intervals.low
+    best = (0, float(intervals.high[0]), -np.inf)
     for _ in range(_ROUNDS):
-        tau = low[:, None] + width[:, None] * np.linspace(0, 1, _TRIED + 1)
-        values = _least(instants, every, chosen, tau, mine)
-        at, place = np.unravel_index(int(values.argmax()), values.shape)
-        best = max(best, (int(chosen[at]), float(tau[at, place]), float(values[at, place])), key=_value)
-        kept = np.argsort(-values.max(axis=1), kind="stable")[:_BASINS]
-        cell, centre = width[kept] / _TRIED, tau[kept, values[kept].argmax(axis=1)]
-        chosen = chosen[kept]
-        low = np.maximum(centre - cell, every.low[chosen])
-        width = np.minimum(centre + cell, every.high[chosen]) - low
-    return _polished(instants, every, best, mine)
+        tau = low[:, None] + width[:, None] * np.linspace(0, 1, _CELLS + 1)
+        values = _lowest_margin(curves, intervals, chosen, tau, margin_indices)
+        row, column = np.unravel_index(int(values.argmax()), values.shape)
+        best = max(best, (int(chosen[row]), float(tau[row, column]), float(values[row, column])), key=_candidate_value)
+        leading = np.argsort(-values.max(axis=1), kind="stable")[:_BASINS]
+        cell, centre = width[leading] / _CELLS, tau[leading, values[leading].argmax(axis=1)]
+        chosen = chosen[leading]
+        low = np.maximum(centre - cell, intervals.low[chosen])
+        width = np.minimum(centre + cell, intervals.high[chosen]) - low
+    return _newton_polish(curves, intervals, best, margin_indices)
 
 
-def _polished(instants: Instants, every: Intervals, best: tuple[int, float, float], mine: np.ndarray) -> tuple[int, float, float]:
+def _newton_polish(
+    curves: MarginCurves, intervals: Intervals, best: tuple[int, float, float], margin_indices: np.ndarray
+) -> tuple[int, float, float]:
     """The same after Newton's steps on the margin that is least, to where its slope in time is 0."""
     i, tau, _ = best
-    for _ in range(_NEWTON):
-        x = instants.states(every.x[[i]], every.u[[i]], np.array([tau]))
-        value, slope, bend = (each[0, mine] for each in instants.in_time(x, every.u[[i]]))
+    for _ in range(_NEWTON_STEPS):
+        x = curves.states(intervals.x[[i]], intervals.u[[i]], np.array([tau]))
+        value, rate, second_rate = (output[0, margin_indices] for output in curves.time_derivatives(x, intervals.u[[i]]))
         j = int(value.argmin())
-        if not bend[j] < 0:
+        if not second_rate[j] < 0:
             break
-        tau = float(np.clip(tau - slope[j] / bend[j], every.low[i], every.high[i]))
-    value = float(_least(instants, every, np.array([i]), np.array([[tau]]), mine)[0, 0])
-    return max((i, tau, value), best, key=_value)
+        tau = float(np.clip(tau - rate[j] / second_rate[j], intervals.low[i], intervals.high[i]))
+    value = float(_lowest_margin(curves, intervals, np.array([i]), np.array([[tau]]), margin_indices)[0, 0])
+    return max((i, tau, value), best, key=_candidate_value)
 
 
-def _value(found: tuple[int, float, float]) -> float:
-    return found[2]
+def _candidate_value(candidate: tuple[int, float, float]) -> float:
+    return candidate[2]
 
 
-def _least(instants: Instants, every: Intervals, chosen: np.ndarray, tau: np.ndarray, mine: np.ndarray) -> np.ndarray:
-    """The least of the margins `mine` (K, T) at instants tau (K, T) of the chosen intervals."""
+def _lowest_margin(
+    curves: MarginCurves, intervals: Intervals, chosen: np.ndarray, tau: np.ndarray, margin_indices: np.ndarray
+) -> np.ndarray:
+    """The least of the margins `margin_indices` (K, T) at instants tau (K, T) of the chosen intervals."""
     count = tau.shape[1]
-    x, u = np.repeat(every.x[chosen], count, axis=0), np.repeat(every.u[chosen], count, axis=0)
-    return instants.values(x, u, tau.ravel())[:, mine].min(axis=1).reshape(tau.shape)
+    x, u = np.repeat(intervals.x[chosen], count, axis=0), np.repeat(intervals.u[chosen], count, axis=0)
+    return curves.values(x, u, tau.ravel())[:, margin_indices].min(axis=1).reshape(tau.shape)

@@ -13,63 +13,63 @@ from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs.abstract import AbstractCost
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHED
+from obsdesign.dynamics.step import CACHE_SIZE
 from obsdesign.moment import Moment
-from obsdesign.packing import packed, unpacked
+from obsdesign.packing import pack, unpack
 
 
 @dataclass(frozen=True, eq=False)
-class Nodes:
+class NodeFunctions:
     """Margins at a node (x, u) and what costs come to per second of the step that begins there, side by side: (r,).
 
     owner (r,): the index of each one's constraint, then cost; of_inputs (r,): whether it depends on the inputs there.
     """
 
-    value: Scan
-    slope: Scan
-    bend: Scan
+    value_scan: Scan
+    gradient_scan: Scan
+    hessian_scan: Scan
     owner: tuple[int, ...]
-    margins: int
+    margin_count: int
     of_inputs: tuple[bool, ...]
 
     def values(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return (K, r) at K nodes x (K, n), u (K, m)."""
-        return self.value.run(_NOTHING, [x, u], len(x), carries=False).results[0][0]
+        return self.value_scan.run(_NOTHING, [x, u], len(x), carries=False).results[0][0]
 
-    def slopes(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def gradients(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return derivatives (K, r, n + m) to (x, u)."""
         v = x.shape[1] + u.shape[1]
-        return self.slope.run(_NOTHING, [x, u], len(x), carries=False).results[0][0].reshape(len(x), -1, v)
+        return self.gradient_scan.run(_NOTHING, [x, u], len(x), carries=False).results[0][0].reshape(len(x), -1, v)
 
-    def bends(self, x: np.ndarray, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def hessians(self, x: np.ndarray, u: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return gradient (K, v) and Hessian (K, v, v) of weights' values, weights (K, r)."""
-        g, H = self.bend.run(_NOTHING, [x, u, weights], len(x), carries=False).results
-        return g[0], unpacked(H[0], g.shape[-1])
+        g, H = self.hessian_scan.run(_NOTHING, [x, u, weights], len(x), carries=False).results
+        return g[0], unpack(H[0], g.shape[-1])
 
 
 _NOTHING = np.empty((1, 0))
-_POINTS, _FEWER = 5, 3  # of Gauss in a step, and in each of its sub-steps where it has several
+_POINTS, _SUBSTEP_POINTS = 5, 3  # of Gauss in a step, and in each of its sub-steps where it has several
 
 
-@lru_cache(CACHED)
-def nodes_of(
+@lru_cache(CACHE_SIZE)
+def node_functions_of(
     model: Model, constraints: tuple[AbstractConstraint, ...], costs: tuple[AbstractCost, ...] = (), pace: tuple[float, int] = (0.0, 1)
-) -> Nodes:
+) -> NodeFunctions:
     """Return the functions of a model's constraints and costs; pace: seconds of a step, and of how many sub-steps it is made."""
     moment = moment_of(model)
     parts = [constraint.margins(moment) for constraint in constraints] + [[_mean_rate(model, cost, *pace)] for cost in costs]
     owner = tuple(i for i, part in enumerate(parts) for _ in part)
-    column = ca.vertcat(*[ca.SX(value) for part in parts for value in part]) if owner else ca.SX(0, 1)
-    both, weights, empty = ca.vertcat(model.x, model.u), ca.SX.sym("weights", len(owner)), ca.SX(0, 1)
-    H, g = ca.hessian(ca.dot(weights, column), both)
+    functions = ca.vertcat(*[ca.SX(value) for part in parts for value in part]) if owner else ca.SX(0, 1)
+    variables, weights, empty = ca.vertcat(model.x, model.u), ca.SX.sym("weights", len(owner)), ca.SX(0, 1)
+    H, g = ca.hessian(ca.dot(weights, functions), variables)
     rows = [model.x, model.u]
-    return Nodes(
-        value=Scan(empty, rows, empty, [column]),
-        slope=Scan(empty, rows, empty, [ca.vec(ca.densify(ca.jacobian(column, both)).T)]),
-        bend=Scan(empty, [*rows, weights], empty, [ca.densify(g), packed(ca.densify(H))]),
+    return NodeFunctions(
+        value_scan=Scan(empty, rows, empty, [functions]),
+        gradient_scan=Scan(empty, rows, empty, [ca.vec(ca.densify(ca.jacobian(functions, variables)).T)]),
+        hessian_scan=Scan(empty, [*rows, weights], empty, [ca.densify(g), pack(ca.densify(H))]),
         owner=owner,
-        margins=sum(i < len(constraints) for i in owner),
-        of_inputs=tuple(bool(ca.depends_on(value, model.u)) for value in ca.vertsplit(column))
+        margin_count=sum(i < len(constraints) for i in owner),
+        of_inputs=tuple(bool(ca.depends_on(value, model.u)) for value in ca.vertsplit(functions))
         if owner and model.inputs
         else (False,) * len(owner),
     )
@@ -96,15 +96,15 @@ def _mean_rate(model: Model, cost: AbstractCost, step: float, substeps: int) -> 
     drift = ca.Function("rate", [model.x, model.u], [model.drift + model.B @ model.u])
     if not ca.depends_on(ca.SX(rate(model.x, model.u)), model.x):
         return ca.SX(rate(model.x, model.u))
-    places, weights = np.polynomial.legendre.leggauss(_POINTS if substeps == 1 else _FEWER)
+    points, weights = np.polynomial.legendre.leggauss(_POINTS if substeps == 1 else _SUBSTEP_POINTS)
     h, x, total = step / substeps, model.x, ca.SX(0)
 
-    def later(begin: ca.SX, seconds: float) -> ca.SX:
+    def advance(begin: ca.SX, seconds: float) -> ca.SX:
         return rk4(lambda x: ca.SX(drift(x, model.u)), begin, seconds)
 
     for _ in range(substeps):
         total += sum(
-            float(weight) / 2 * ca.SX(rate(later(x, h * (1 + place) / 2), model.u)) for place, weight in zip(places, weights, strict=True)
+            float(weight) / 2 * ca.SX(rate(advance(x, h * (1 + point) / 2), model.u)) for point, weight in zip(points, weights, strict=True)
         )
-        x = later(x, h)
+        x = advance(x, h)
     return total / substeps

@@ -8,58 +8,68 @@ import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
 from obsdesign.design.nlp.abstract import AbstractProgram
-from obsdesign.design.nlp.constraint_rows import placed
-from obsdesign.design.nlp.evaluation import NO_ROWS, Multipliers, Rows, Slopes, Values
-from obsdesign.design.nlp.information_recursion import bare_recursion, gramian_recursion, posterior_recursion
-from obsdesign.design.nlp.input_map import inputs_of
-from obsdesign.design.nlp.margin_curves import Instants, instants_of
-from obsdesign.design.nlp.node_functions import Nodes, nodes_of
-from obsdesign.design.nlp.rollout import Along, Injected, Linear, Variation, carried
+from obsdesign.design.nlp.constraint_rows import evaluate_rows
+from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, Derivatives, Evaluation, Multipliers
+from obsdesign.design.nlp.information_recursion import gramian_recursion, posterior_recursion, state_recursion
+from obsdesign.design.nlp.input_map import input_map_of
+from obsdesign.design.nlp.margin_curves import MarginCurves, margin_curves_of
+from obsdesign.design.nlp.node_functions import NodeFunctions, node_functions_of
+from obsdesign.design.nlp.rollout import Linearisation, NodeCosts, Rollout, RolloutFunctions, propagate_sensitivity
 from obsdesign.design.problem import DesignProblem
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.step import CACHED
-from obsdesign.information.additive_amounts import counting
+from obsdesign.dynamics.step import CACHE_SIZE
+from obsdesign.information.additive_amounts import additive_factors
 from obsdesign.information.correlated_noise import colour_of
-from obsdesign.information.sample_information import sampled
-from obsdesign.packing import lower_indices, unpacked
+from obsdesign.information.sample_information import sampling_mask
+from obsdesign.packing import lower_indices, unpack
 
 
 class Program(AbstractProgram):
     """The functions of one problem with one duration. Nothing changes after construction.
 
     segments: where errors are not independent, count the amounts that `segment_information` has for so many segments, linear in
-    the weights, instead of all that the samples say together. judged: otherwise no information is carried along the path, its
+    the weights, instead of all that the samples say together. with_information: otherwise no information is carried along the path, its
     matrix is 0 and limits alone count; not with a floor.
     """
 
-    def __init__(self, problem: DesignProblem, rows: Rows | None = None, segments: int | None = None, judged: bool = True) -> None:
+    def __init__(
+        self, problem: DesignProblem, rows: ConstraintRows | None = None, segments: int | None = None, with_information: bool = True
+    ) -> None:
         self.problem, model = problem, problem.system.model
         self.n, self.m, self.steps = len(model.states), len(model.inputs), problem.steps
-        self._is_judged = judged or problem.floor is not None
-        known, step, pace = problem.criterion.knowledge if self._is_judged else None, problem.step, (problem.step, problem.substeps)
-        self._variation = _variation_of(model, pace, known, segments is not None) if self._is_judged else _bare_variation_of(model, pace)
-        self._due = sampled(problem.system, self.steps, step).astype(float)
-        self._sensors, aside = self._due.shape[1], _beside(model, self._due, known, segments)
+        self._has_information = with_information or problem.floor is not None
+        knowledge, step, pace = (
+            problem.criterion.knowledge if self._has_information else None,
+            problem.step,
+            (problem.step, problem.substeps),
+        )
+        self._variation = (
+            _rollout_functions_of(model, pace, knowledge, segments is not None) if self._has_information else _state_rollout_of(model, pace)
+        )
+        self._due = sampling_mask(problem.system, self.steps, step).astype(float)
+        self._sensors, extra_inputs = self._due.shape[1], _extra_input_rows(model, self._due, knowledge, segments)
         if problem.weights is not None:
             self._due = self.due(np.asarray(problem.weights))
-        self._due = np.hstack([self._due, *(aside if self._is_judged else ())])
+        self._due = np.hstack([self._due, *(extra_inputs if self._has_information else ())])
         self.lower, self.upper = problem.path.box(problem.grid)
-        self._inputs = inputs_of(problem.path, problem.grid)
+        self._input_map = input_map_of(problem.path, problem.grid)
         costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
-        self._nodes: Nodes | None = nodes_of(model, problem.constraints, costs, pace) if problem.constraints or costs else None
+        self._node_functions: NodeFunctions | None = (
+            node_functions_of(model, problem.constraints, costs, pace) if problem.constraints or costs else None
+        )
         self.rows = NO_ROWS if rows is None else rows
         # the path itself comes first; draws of the prior, where there are any, are judged in its place
-        robust = problem.robust if self._is_judged else None
+        robust = problem.robust if self._has_information else None
         draws = [] if robust is None else [robust.draws(robust.samples, 0)]
         self._starts = np.vstack([problem.x0[None], *draws])
         self.judged = slice(0 if robust is None else 1, len(self._starts))
-        self._frame = np.outer(problem.units, problem.units)
+        self._unit_scaling = np.outer(problem.units, problem.units)
         self._most = np.array([budget.at_most for budget in problem.budgets])
-        self._per_unit = np.array([price.per_unit for price in problem.prices])
+        self._price_rates = np.array([price.per_unit for price in problem.prices])
 
     @cached_property
-    def _instants(self) -> Instants:
-        return instants_of(self.problem.system.model, self.problem.constraints)
+    def _margin_curves(self) -> MarginCurves:
+        return margin_curves_of(self.problem.system.model, self.problem.constraints)
 
     @property
     def q(self) -> int:
@@ -68,174 +78,178 @@ class Program(AbstractProgram):
 
     def inputs(self, p: np.ndarray) -> np.ndarray:
         """Return u (N, m)."""
-        if self._inputs.is_linear:
-            offset, slope = self._inputs.line
+        if self._input_map.is_linear:
+            offset, slope = self._input_map.line
             return (offset + slope @ p).reshape(self.steps, self.m)
-        return self._inputs.value(p).full().reshape(self.steps, self.m)
+        return self._input_map.value(p).full().reshape(self.steps, self.m)
 
     def due(self, weights: np.ndarray) -> np.ndarray:
         """Return how much each sensor's sample counts at each step (N, S) for weights (K, S) of K equal groups of steps."""
-        each, S = np.repeat(weights, self.steps // len(weights), axis=0), self._sensors
-        return np.hstack([self._due[:, :S] * each, self._due[:, S:]]) if self._due.shape[1] > S else self._due * each
+        step_weights, S = np.repeat(weights, self.steps // len(weights), axis=0), self._sensors
+        return np.hstack([self._due[:, :S] * step_weights, self._due[:, S:]]) if self._due.shape[1] > S else self._due * step_weights
 
     # ---------------------------------------------------------------- values
 
-    def at(self, p: np.ndarray, due: np.ndarray | None = None) -> Values:
+    def evaluate(self, p: np.ndarray, due: np.ndarray | None = None) -> Evaluation:
         """Return the values at p (q,); due (N, S): what samples count for instead."""
         u = self.inputs(p)
-        along, sums = self._variation.along(self._starts, u, self._due if due is None else due)
-        windows, floors = self._windows(along, u)
-        totals = self._node_values(along)
-        price = float(self._per_unit @ totals[1][: len(self._per_unit)])
-        budgets = 1 - totals[1][len(self._per_unit) :] / self._most
-        place = placed(self.problem, self.rows, along.z[0, :, : self.n], along.u[0], totals[0])
-        rows = np.concatenate([place.values - self.rows.allowance, budgets, self._rate_rows(p)[0]])
-        matrices = self.problem.counted(unpacked(sums[self.judged], self.n)) if self._is_judged else np.zeros((1, self.n, self.n))
-        return Values(p, along, windows, matrices, floors, rows, price, place.node, place.after)
+        rollout, sums = self._variation.roll_out(self._starts, u, self._due if due is None else due)
+        window_rollouts, floors = self._windows(rollout, u)
+        totals = self._node_values(rollout)
+        price = float(self._price_rates @ totals[1][: len(self._price_rates)])
+        budgets = 1 - totals[1][len(self._price_rates) :] / self._most
+        row_values = evaluate_rows(self.problem, self.rows, rollout.z[0, :, : self.n], rollout.u[0], totals[0])
+        rows = np.concatenate([row_values.values - self.rows.allowance, budgets, self._rate_rows(p)[0]])
+        matrices = (
+            self.problem.criterion_matrix(unpack(sums[self.judged], self.n)) if self._has_information else np.zeros((1, self.n, self.n))
+        )
+        return Evaluation(p, rollout, window_rollouts, matrices, floors, rows, price, row_values.node, row_values.delay)
 
-    def margins(self, values: Values) -> np.ndarray:
+    def margins(self, evaluation: Evaluation) -> np.ndarray:
         """Return all margins (N+1, r) of the constraints at all nodes."""
-        return self._node_values(values.along)[0]
+        return self._node_values(evaluation.rollout)[0]
 
-    def _node_values(self, along: Along) -> tuple[np.ndarray, np.ndarray]:
+    def _node_values(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
         """Margins (N+1, r) at the nodes, and the sums of the costs."""
-        if self._nodes is None:
+        if self._node_functions is None:
             return np.zeros((self.steps + 1, 0)), np.zeros(0)
-        values = self._nodes.values(*self._places(along))
-        count = self._nodes.margins
-        return values[:, :count], values[:-1, count:].sum(axis=0) * self.problem.step
+        values = self._node_functions.values(*self._node_variables(rollout))
+        margin_count = self._node_functions.margin_count
+        return values[:, :margin_count], values[:-1, margin_count:].sum(axis=0) * self.problem.step
 
-    def _places(self, along: Along) -> tuple[np.ndarray, np.ndarray]:
+    def _node_variables(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
         """(x, u) at all nodes of the path itself; the last inputs count for the end as well."""
-        return along.z[0, :, : self.n], np.vstack([along.u[0], along.u[0, -1:]])
+        return rollout.z[0, :, : self.n], np.vstack([rollout.u[0], rollout.u[0, -1:]])
 
     def _rate_rows(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """1 -+ rate / limit for each rate of change, and the derivatives (., q)."""
         limits = self.problem.rates
         if not limits:
             return np.zeros(0), np.zeros((0, self.q))
-        values, slopes = (each.full() for each in self._inputs.rates(p))
+        values, slopes = (output.full() for output in self._input_map.rates(p))
         count = len(values) // self.m
-        kept = [i * count + j for i, name in enumerate(self.problem.system.model.input_names) if name in limits for j in range(count)]
+        limited = [i * count + j for i, name in enumerate(self.problem.system.model.input_names) if name in limits for j in range(count)]
         limit = np.repeat([limits[name] for name in self.problem.system.model.input_names if name in limits], count)
-        rate, slope = values.ravel()[kept] / limit, slopes[kept] / limit[:, None]
+        rate, slope = values.ravel()[limited] / limit, slopes[limited] / limit[:, None]
         return np.concatenate([1 - rate, 1 + rate]), np.vstack([-slope, slope])
 
     # ---------------------------------------------------------------- first derivatives
 
-    def slopes(self, values: Values) -> Slopes:
+    def derivatives(self, evaluation: Evaluation) -> Derivatives:
         """Return the first derivatives where the values were taken."""
-        M = self._slope_of_inputs(values.p)
-        linear = self._variation.linear(values.along)
-        first = np.zeros((len(self._starts), self._variation.c, self.q))
-        G = carried(linear, first, M)
-        matrices = self._summed(linear, G)[self.judged]
-        windows, floors = self._window_slopes(values, G, M)
-        rows, price = self._node_slopes(values, G, M)
-        rates = self._rate_rows(values.p)[1]
-        return Slopes(matrices, floors, np.vstack([rows, rates]), price, M, G, windows)
+        M = self._input_jacobian(evaluation.p)
+        linearisation = self._variation.linearise(evaluation.rollout)
+        initial = np.zeros((len(self._starts), self._variation.c, self.q))
+        G = propagate_sensitivity(linearisation, initial, M)
+        matrices = self._matrix_derivatives(linearisation, G)[self.judged]
+        window_sensitivity, floors = self._window_derivatives(evaluation, G, M)
+        rows, price = self._node_derivatives(evaluation, G, M)
+        rates = self._rate_rows(evaluation.p)[1]
+        return Derivatives(matrices, floors, np.vstack([rows, rates]), price, M, G, window_sensitivity)
 
-    def _slope_of_inputs(self, p: np.ndarray) -> np.ndarray:
-        if self._inputs.is_linear:
-            return self._inputs.line[1].reshape(self.steps, self.m, self.q)
-        return self._inputs.slope(p).full().reshape(self.steps, self.m, self.q)
+    def _input_jacobian(self, p: np.ndarray) -> np.ndarray:
+        if self._input_map.is_linear:
+            return self._input_map.line[1].reshape(self.steps, self.m, self.q)
+        return self._input_map.jacobian(p).full().reshape(self.steps, self.m, self.q)
 
-    def _summed(self, linear: Linear, G: np.ndarray) -> np.ndarray:
+    def _matrix_derivatives(self, linearisation: Linearisation, G: np.ndarray) -> np.ndarray:
         """Derivatives (M, q, n, n) of S W S, W the sum of the gains."""
-        if not self._is_judged:
+        if not self._has_information:
             return np.zeros((1, G.shape[-1], self.n, self.n))
-        runs, steps, b, c = linear.D.shape
-        D = linear.D.transpose(0, 2, 1, 3).reshape(runs, b, steps * c)
-        return unpacked((D @ G[:, :-1].reshape(runs, steps * c, -1)).swapaxes(1, 2), self.n) * self._frame
+        runs, steps, b, c = linearisation.D.shape
+        D = linearisation.D.transpose(0, 2, 1, 3).reshape(runs, b, steps * c)
+        return unpack((D @ G[:, :-1].reshape(runs, steps * c, -1)).swapaxes(1, 2), self.n) * self._unit_scaling
 
-    def _node_slopes(self, values: Values, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._nodes is None:
+    def _node_derivatives(self, evaluation: Evaluation, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._node_functions is None:
             return np.zeros((0, self.q)), np.zeros(self.q)
-        x, u = self._places(values.along)
-        both = self._nodes.slopes(x, u)
-        count, n = self._nodes.margins, self.n
-        ends = np.vstack([M, M[-1:]])
-        node, margin = values.node, self.rows.margin
-        at_rows = both[node, margin]
-        later = np.flatnonzero(values.after > 0)
-        if later.size:
-            k = node[later]
-            at_rows[later] = self._instants.slopes(x[k], u[k], values.after[later])[np.arange(len(k)), margin[later]]
+        x, u = self._node_variables(evaluation.rollout)
+        gradients = self._node_functions.gradients(x, u)
+        margin_count, n = self._node_functions.margin_count, self.n
+        node_inputs = np.vstack([M, M[-1:]])
+        node, margin = evaluation.node, self.rows.margin
+        at_rows = gradients[node, margin]
+        between = np.flatnonzero(evaluation.delay > 0)
+        if between.size:
+            k = node[between]
+            at_rows[between] = self._margin_curves.gradients(x[k], u[k], evaluation.delay[between])[np.arange(len(k)), margin[between]]
         rows = np.matmul(at_rows[:, None, :n], G[0, node, :n])[:, 0]
         if np.any(at_rows[:, n:]):
-            rows = rows + np.matmul(at_rows[:, None, n:], ends[node])[:, 0]
-        costs = both[:-1, count:]
+            rows = rows + np.matmul(at_rows[:, None, n:], node_inputs[node])[:, 0]
+        costs = gradients[:-1, margin_count:]
         totals = self.problem.step * (
             np.einsum("krn,knq->rq", costs[:, :, :n], G[0, :-1, :n]) + np.einsum("krm,kmq->rq", costs[:, :, n:], M)
         )
-        cut = len(self._per_unit)
-        return np.vstack([rows, -totals[cut:] / self._most[:, None]]), self._per_unit @ totals[:cut]
+        cut = len(self._price_rates)
+        return np.vstack([rows, -totals[cut:] / self._most[:, None]]), self._price_rates @ totals[:cut]
 
     # ---------------------------------------------------------------- second derivatives
 
-    def curvature(self, values: Values, slopes: Slopes, multipliers: Multipliers) -> np.ndarray:
+    def lagrangian_hessian(self, evaluation: Evaluation, derivatives: Derivatives, multipliers: Multipliers) -> np.ndarray:
         """Return the Hessian (q, q) of the Lagrangian: price - sum <Z, matrix> - sum <Z, floor> - z'rows, weighted."""
-        injected = self._injected(values, multipliers)
-        H, pushed = self._window_bends(values, slopes, multipliers, injected)
+        node_costs = self._node_costs(evaluation, multipliers)
+        H, input_gradient = self._window_hessian(evaluation, derivatives, multipliers, node_costs)
         weights = np.zeros((len(self._starts), self._variation.b))
-        if self._is_judged:
-            weights[self.judged] = self._weights(multipliers.matrices)
-        second = self._variation.second(values.along, weights, injected)
-        H += _folded(second.K, second.R, slopes.G[:, :-1], slopes.M)
-        if not self._inputs.is_linear:
-            H += self._inputs.bend(values.p, (second.slope.sum(axis=0) + pushed).ravel()).full()
+        if self._has_information:
+            weights[self.judged] = self._packed_weights(multipliers.matrices)
+        second_derivatives = self._variation.second_derivatives(evaluation.rollout, weights, node_costs)
+        H += _assemble_hessian(second_derivatives.K, second_derivatives.R, derivatives.G[:, :-1], derivatives.M)
+        if not self._input_map.is_linear:
+            H += self._input_map.hessian(evaluation.p, (second_derivatives.input_gradient.sum(axis=0) + input_gradient).ravel()).full()
         return (H + H.T) / 2
 
-    def mixed(self, values: Values, slopes: Slopes, Z: np.ndarray) -> np.ndarray:
+    def cross_derivatives(self, evaluation: Evaluation, derivatives: Derivatives, Z: np.ndarray) -> np.ndarray:
         """Return -d2 <Z, S W S> / dp d due (N, S, q) along the path itself, Z (n, n)."""
-        along, sensors = values.along, self._sensors
-        own, aside = (self._due[:, :sensors] != 0).astype(float), self._due[:, sensors:]
-        each = np.eye(sensors)[:, None, :] * np.broadcast_to(own, (sensors, *own.shape))
-        each = np.concatenate([each, np.broadcast_to(aside, (sensors, *aside.shape))], axis=2)
-        same = Along(np.repeat(along.z[:1], sensors, axis=0), np.repeat(along.u[:1], sensors, axis=0), each)
-        D = np.einsum("b,skbc->skc", self._weights(Z[None])[0], self._variation.linear(same).D)
-        return np.einsum("skc,kcq->ksq", D, slopes.G[0, :-1])
+        rollout, sensors = evaluation.rollout, self._sensors
+        is_sampled, extra_inputs = (self._due[:, :sensors] != 0).astype(float), self._due[:, sensors:]
+        single_sensor = np.eye(sensors)[:, None, :] * np.broadcast_to(is_sampled, (sensors, *is_sampled.shape))
+        single_sensor = np.concatenate([single_sensor, np.broadcast_to(extra_inputs, (sensors, *extra_inputs.shape))], axis=2)
+        repeated = Rollout(np.repeat(rollout.z[:1], sensors, axis=0), np.repeat(rollout.u[:1], sensors, axis=0), single_sensor)
+        D = np.einsum("b,skbc->skc", self._packed_weights(Z[None])[0], self._variation.linearise(repeated).D)
+        return np.einsum("skc,kcq->ksq", D, derivatives.G[0, :-1])
 
-    def _weights(self, Z: np.ndarray) -> np.ndarray:
+    def _packed_weights(self, Z: np.ndarray) -> np.ndarray:
         """Weights (b, .) of the packed gains in -<Z, S W S>."""
         rows, columns = lower_indices(self.n)
-        return -(Z * self._frame)[:, rows, columns] * np.where(rows == columns, 1.0, 2.0)
+        return -(Z * self._unit_scaling)[:, rows, columns] * np.where(rows == columns, 1.0, 2.0)
 
-    def _injected(self, values: Values, multipliers: Multipliers) -> Injected:
+    def _node_costs(self, evaluation: Evaluation, multipliers: Multipliers) -> NodeCosts:
         runs, v = len(self._starts), self.n + self.m
         g, H = np.zeros((runs, self.steps + 1, v)), np.zeros((runs, self.steps + 1, v, v))
-        if self._nodes is not None:
-            count, rows = self._nodes.margins, len(self.rows.node)
-            weights, now = np.zeros((self.steps + 1, len(self._nodes.owner))), values.after == 0
-            np.add.at(weights, (values.node[now], self.rows.margin[now]), -multipliers.rows[:rows][now])
+        if self._node_functions is not None:
+            margin_count, rows = self._node_functions.margin_count, len(self.rows.node)
+            weights, at_node = np.zeros((self.steps + 1, len(self._node_functions.owner))), evaluation.delay == 0
+            np.add.at(weights, (evaluation.node[at_node], self.rows.margin[at_node]), -multipliers.rows[:rows][at_node])
             budgets = multipliers.rows[rows : rows + len(self._most)]
-            weights[:-1, count:] = self.problem.step * np.concatenate([multipliers.price * self._per_unit, budgets / self._most])
-            wanted = np.flatnonzero(weights.any(axis=1))
-            if wanted.size:
-                x, u = self._places(values.along)
-                g[0, wanted], H[0, wanted] = self._nodes.bends(x[wanted], u[wanted], weights[wanted])
-            self._inject_later(values, multipliers, g[0], H[0])
-        return Injected(g, H)
+            weights[:-1, margin_count:] = self.problem.step * np.concatenate([multipliers.price * self._price_rates, budgets / self._most])
+            involved = np.flatnonzero(weights.any(axis=1))
+            if involved.size:
+                x, u = self._node_variables(evaluation.rollout)
+                g[0, involved], H[0, involved] = self._node_functions.hessians(x[involved], u[involved], weights[involved])
+            self._add_between_nodes(evaluation, multipliers, g[0], H[0])
+        return NodeCosts(g, H)
 
-    def _inject_later(self, values: Values, multipliers: Multipliers, g: np.ndarray, H: np.ndarray) -> None:
+    def _add_between_nodes(self, evaluation: Evaluation, multipliers: Multipliers, g: np.ndarray, H: np.ndarray) -> None:
         """Add to g (N+1, v) and H (N+1, v, v) what rows between the nodes bend."""
-        later = np.flatnonzero((values.after > 0) & (multipliers.rows[: len(values.after)] != 0))
-        if later.size:
-            (x, u), k = self._places(values.along), values.node[later]
-            weights = np.zeros((len(later), self._nodes.margins if self._nodes else 0))
-            weights[np.arange(len(later)), self.rows.margin[later]] = -multipliers.rows[later]
-            slope, bend = self._instants.bends(x[k], u[k], values.after[later], weights)
-            np.add.at(g, k, slope)
-            np.add.at(H, k, bend)
-            once = np.isin(later, [row for choice in self.rows.choices for row in choice.rows])
-            if once.any():
-                more = self._instants.following(x[k[once]], u[k[once]], values.after[later[once]])
-                np.add.at(H, k[once], np.einsum("kr,krvw->kvw", weights[once], more))
+        between = np.flatnonzero((evaluation.delay > 0) & (multipliers.rows[: len(evaluation.delay)] != 0))
+        if between.size:
+            (x, u), k = self._node_variables(evaluation.rollout), evaluation.node[between]
+            weights = np.zeros((len(between), self._node_functions.margin_count if self._node_functions else 0))
+            weights[np.arange(len(between)), self.rows.margin[between]] = -multipliers.rows[between]
+            gradient, hessian = self._margin_curves.hessians(x[k], u[k], evaluation.delay[between], weights)
+            np.add.at(g, k, gradient)
+            np.add.at(H, k, hessian)
+            is_choice = np.isin(between, [row for choice in self.rows.choices for row in choice.rows])
+            if is_choice.any():
+                choice_hessians = self._margin_curves.best_instant_hessians(
+                    x[k[is_choice]], u[k[is_choice]], evaluation.delay[between[is_choice]]
+                )
+                np.add.at(H, k[is_choice], np.einsum("kr,krvw->kvw", weights[is_choice], choice_hessians))
 
     # ---------------------------------------------------------------- windows
 
     @cached_property
-    def _first_of_window(self) -> np.ndarray:
+    def _window_starts(self) -> np.ndarray:
         """First steps (f,) of the stretches that a floor is asked for: every half of their length, and the last stretch."""
         floor = self.problem.floor
         if floor is None:
@@ -250,39 +264,43 @@ class Program(AbstractProgram):
 
     @cached_property
     def _window_steps(self) -> np.ndarray:
-        return self._first_of_window[:, None] + np.arange(self._window_length)
+        return self._window_starts[:, None] + np.arange(self._window_length)
 
-    def _windows(self, along: Along, u: np.ndarray) -> tuple[Along | None, np.ndarray]:
+    def _windows(self, rollout: Rollout, u: np.ndarray) -> tuple[Rollout | None, np.ndarray]:
         if self.problem.floor is None:
             return None, np.zeros((0, self.n, self.n))
-        starts, steps = along.z[0, self._first_of_window, : self.n], self._window_steps
-        walk, sums = self._variation.along(starts, u[steps], self._due[steps])
-        return walk, unpacked(sums, self.n) * self._frame
+        starts, steps = rollout.z[0, self._window_starts, : self.n], self._window_steps
+        window_rollouts, sums = self._variation.roll_out(starts, u[steps], self._due[steps])
+        return window_rollouts, unpack(sums, self.n) * self._unit_scaling
 
-    def _window_slopes(self, values: Values, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
-        if values.windows is None:
+    def _window_derivatives(self, evaluation: Evaluation, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+        if evaluation.window_rollouts is None:
             return None, np.zeros((0, self.q, self.n, self.n))
-        linear = self._variation.linear(values.windows)
-        first = np.zeros((len(self._first_of_window), self._variation.c, self.q))
-        first[:, : self.n] = G[0, self._first_of_window, : self.n]
-        moved = carried(linear, first, M[self._window_steps])
-        return moved, self._summed(linear, moved)
+        linearisation = self._variation.linearise(evaluation.window_rollouts)
+        initial = np.zeros((len(self._window_starts), self._variation.c, self.q))
+        initial[:, : self.n] = G[0, self._window_starts, : self.n]
+        sensitivity = propagate_sensitivity(linearisation, initial, M[self._window_steps])
+        return sensitivity, self._matrix_derivatives(linearisation, sensitivity)
 
-    def _window_bends(self, values: Values, slopes: Slopes, multipliers: Multipliers, injected: Injected) -> tuple[np.ndarray, np.ndarray]:
+    def _window_hessian(
+        self, evaluation: Evaluation, derivatives: Derivatives, multipliers: Multipliers, node_costs: NodeCosts
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return what the windows' own inputs add to the Hessian, and their slopes (N, m); their first states' part is injected."""
-        pushed = np.zeros((self.steps, self.m))
-        if values.windows is None or slopes.windows is None:
-            return np.zeros((self.q, self.q)), pushed
-        second = self._variation.second(values.windows, self._weights(multipliers.floors), None)
+        input_gradient = np.zeros((self.steps, self.m))
+        if evaluation.window_rollouts is None or derivatives.window_sensitivity is None:
+            return np.zeros((self.q, self.q)), input_gradient
+        second_derivatives = self._variation.second_derivatives(evaluation.window_rollouts, self._packed_weights(multipliers.floors), None)
         n = self.n
-        for i, first in enumerate(self._first_of_window):
-            injected.g[0, first, :n] += second.first[i, :n]
-            injected.H[0, first, :n, :n] += second.start[i, :n, :n]
-            pushed[self._window_steps[i]] += second.slope[i]
-        return _folded(second.K, second.R, slopes.windows[:, :-1], slopes.M[self._window_steps]), pushed
+        for i, first in enumerate(self._window_starts):
+            node_costs.g[0, first, :n] += second_derivatives.initial_gradient[i, :n]
+            node_costs.H[0, first, :n, :n] += second_derivatives.initial_hessian[i, :n, :n]
+            input_gradient[self._window_steps[i]] += second_derivatives.input_gradient[i]
+        return _assemble_hessian(
+            second_derivatives.K, second_derivatives.R, derivatives.window_sensitivity[:, :-1], derivatives.M[self._window_steps]
+        ), input_gradient
 
 
-def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.ndarray:
+def _assemble_hessian(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.ndarray:
     """sum_k M_k'(K_k G_k) + its transpose + M_k'R_k M_k (q, q), over all runs; M (N, m, q), or (M, N, m, q) for each run its own."""
     q = G.shape[-1]
     half = (K @ G).sum(axis=0) + 0.5 * (R.sum(axis=0) @ M) if M.ndim == 3 else K @ G + 0.5 * (R @ M)
@@ -290,9 +308,9 @@ def _folded(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray) -> np.nd
     return Y + Y.T
 
 
-def _beside(model: Model, due: np.ndarray, known: Knowledge | None, segments: int | None) -> list[np.ndarray]:
+def _extra_input_rows(model: Model, due: np.ndarray, knowledge: Knowledge | None, segments: int | None) -> list[np.ndarray]:
     """Return what the recursion is told of each step (N, .) beside how much each sensor's sample counts."""
-    if known is not None:
+    if knowledge is not None:
         return [(np.arange(len(due)) == len(due) - 1).astype(float)[:, None]]
     colour = colour_of(model)
     if colour is None:
@@ -300,16 +318,18 @@ def _beside(model: Model, due: np.ndarray, known: Knowledge | None, segments: in
     if segments is None:
         return [due]
     firsts = np.arange(0, len(due), len(due) // segments)
-    return [due, *counting(colour, due[:, colour.sensor_of] > 0, firsts).rows(firsts)]
+    return [due, *additive_factors(colour, due[:, colour.sensor_of_output] > 0, firsts).rows(firsts)]
 
 
-@lru_cache(CACHED)
-def _variation_of(model: Model, pace: tuple[float, int], known: Knowledge | None, counted: bool) -> Variation:
+@lru_cache(CACHE_SIZE)
+def _rollout_functions_of(model: Model, pace: tuple[float, int], knowledge: Knowledge | None, counted: bool) -> RolloutFunctions:
     step, substeps = pace
-    recursion = gramian_recursion(model, step, substeps, counted) if known is None else posterior_recursion(model, step, known, substeps)
-    return Variation(recursion, len(model.states))
+    recursion = (
+        gramian_recursion(model, step, substeps, counted) if knowledge is None else posterior_recursion(model, step, knowledge, substeps)
+    )
+    return RolloutFunctions(recursion, len(model.states))
 
 
-@lru_cache(CACHED)
-def _bare_variation_of(model: Model, pace: tuple[float, int]) -> Variation:
-    return Variation(bare_recursion(model, *pace), len(model.states))
+@lru_cache(CACHE_SIZE)
+def _state_rollout_of(model: Model, pace: tuple[float, int]) -> RolloutFunctions:
+    return RolloutFunctions(state_recursion(model, *pace), len(model.states))

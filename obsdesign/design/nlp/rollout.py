@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from obsdesign.design.nlp.information_recursion import Recursion
-from obsdesign.dynamics.scan import Scan, Spread
-from obsdesign.packing import packed, symmetric
+from obsdesign.design.nlp.information_recursion import InformationRecursion
+from obsdesign.dynamics.scan import ExpandedColumn, Scan
+from obsdesign.packing import pack, symmetric
 
 _LARGE = 36  # entries of z above which products of matrices take less time than the graph that they would make
 
 
 @dataclass(frozen=True, eq=False)
-class Along:
+class Rollout:
     """M runs of N steps: z (M, N+1, c) with the state first, u (M, N, m), due (N, s) or (M, N, s)."""
 
     z: np.ndarray
@@ -24,7 +24,7 @@ class Along:
 
 
 @dataclass(frozen=True, eq=False)
-class Linear:
+class Linearisation:
     """dz_k+1 = A dz_k + B du_k, d gain_k = D dz_k: A (M, N, c, c), B (M, N, c, m), D (M, N, b, c)."""
 
     A: np.ndarray
@@ -33,7 +33,7 @@ class Linear:
 
 
 @dataclass(frozen=True, eq=False)
-class Injected:
+class NodeCosts:
     """Costs of single nodes beside the recursion's: gradient g (M, N+1, v) and Hessian H (M, N+1, v, v) to v = (x, u) there."""
 
     g: np.ndarray
@@ -41,92 +41,94 @@ class Injected:
 
 
 @dataclass(frozen=True, eq=False)
-class Second:
-    """Second derivatives of a sum over the path: K (M, N, m, c), R (M, N, m, m), slope (M, N, m) to the inputs.
+class SecondDerivatives:
+    """Second derivatives of a sum over the path: K (M, N, m, c), R (M, N, m, m), input_gradient (M, N, m) to the inputs.
 
-    d2 = sum_k du_k' (R_k du_k + 2 K_k dz_k) where dz_k is what earlier inputs did. first (M, c), start (M, c, c): gradient and
-    Hessian to z_0 with all inputs kept.
+    d2 = sum_k du_k' (R_k du_k + 2 K_k dz_k) where dz_k is what earlier inputs did. initial_gradient (M, c), initial_hessian (M, c, c):
+    gradient and Hessian to z_0 with all inputs kept.
     """
 
     K: np.ndarray
     R: np.ndarray
-    slope: np.ndarray
-    first: np.ndarray
-    start: np.ndarray
+    input_gradient: np.ndarray
+    initial_gradient: np.ndarray
+    initial_hessian: np.ndarray
 
 
-class Variation:
+class RolloutFunctions:
     """The compiled walks of one recursion."""
 
-    def __init__(self, recursion: Recursion, n: int) -> None:
-        one = self._one = recursion
-        self.n, self.c, self.m = n, one.z.numel(), one.u.numel()
-        self.b = one.gain.numel()
+    def __init__(self, recursion: InformationRecursion, n: int) -> None:
+        step = self._recursion = recursion
+        self.n, self.c, self.m = n, step.z.numel(), step.u.numel()
+        self.b = step.gain.numel()
         self._is_large = self.c > _LARGE
-        self._forward = Scan(one.z, [one.u, one.due], one.z_next, [one.gain])
-        parts = (ca.jacobian(one.z_next, one.z), ca.jacobian(one.z_next, one.u), ca.jacobian(one.gain, one.z))
+        self._forward = Scan(step.z, [step.u, step.due], step.z_next, [step.gain])
+        parts = (ca.jacobian(step.z_next, step.z), ca.jacobian(step.z_next, step.u), ca.jacobian(step.gain, step.z))
         empty = ca.SX(0, 1)
-        self._linear = Scan(empty, [one.z, one.u, one.due], empty, [_spread(part) for part in parts], shared=not self._is_large)
-        self._backward = self._bends() if self._is_large else self._second_order()
+        self._linear = Scan(empty, [step.z, step.u, step.due], empty, [_spread(part) for part in parts], share=not self._is_large)
+        self._backward = self._hessian_scan() if self._is_large else self._second_order_scan()
 
-    def along(self, starts: np.ndarray, u: np.ndarray, due: np.ndarray) -> tuple[Along, np.ndarray]:
+    def roll_out(self, starts: np.ndarray, u: np.ndarray, due: np.ndarray) -> tuple[Rollout, np.ndarray]:
         """Walk from states (M, n) with inputs (N, m) or (M, N, m); return the walk and the sums of the gains (M, b)."""
         runs, steps = len(starts), u.shape[-2]
-        first = np.hstack([starts, np.tile(self._one.start, (runs, 1))])
-        run = self._forward.run(first, [u, due], steps)
-        z = np.concatenate([first[:, None], run.carries], axis=1)
-        return Along(z, np.broadcast_to(u, (runs, steps, self.m)), due), run.results[0].sum(axis=1)
+        initial = np.hstack([starts, np.tile(self._recursion.start, (runs, 1))])
+        run = self._forward.run(initial, [u, due], steps)
+        z = np.concatenate([initial[:, None], run.carries], axis=1)
+        return Rollout(z, np.broadcast_to(u, (runs, steps, self.m)), due), run.results[0].sum(axis=1)
 
-    def linear(self, along: Along) -> Linear:
+    def linearise(self, rollout: Rollout) -> Linearisation:
         """Return the derivatives of every step."""
-        runs, steps = along.u.shape[:2]
-        due = np.broadcast_to(along.due, (runs, steps, along.due.shape[-1]))
-        rows = [_flat(along.z[:, :-1]), _flat(along.u), _flat(due)]
+        runs, steps = rollout.u.shape[:2]
+        due = np.broadcast_to(rollout.due, (runs, steps, rollout.due.shape[-1]))
+        rows = [_flat(rollout.z[:, :-1]), _flat(rollout.u), _flat(due)]
         A, B, D = self._linear.run(np.empty((1, 0)), rows, runs * steps, carries=False).results
         shape = (runs, steps)
-        return Linear(A.reshape(*shape, self.c, self.c), B.reshape(*shape, self.c, self.m), D.reshape(*shape, self.b, self.c))
+        return Linearisation(A.reshape(*shape, self.c, self.c), B.reshape(*shape, self.c, self.m), D.reshape(*shape, self.b, self.c))
 
-    def second(self, along: Along, weights: np.ndarray, injected: Injected | None) -> Second:
+    def second_derivatives(self, rollout: Rollout, weights: np.ndarray, node_costs: NodeCosts | None) -> SecondDerivatives:
         """Return second derivatives of sum_k weights' gain_k, weights (M, b), plus what is injected at the nodes."""
-        runs, steps, n, v = *along.u.shape[:2], self.n, self.n + self.m
-        g, H = (np.zeros((runs, steps + 1, v)), np.zeros((runs, steps + 1, v, v))) if injected is None else (injected.g, injected.H)
+        runs, steps, n, v = *rollout.u.shape[:2], self.n, self.n + self.m
+        g, H = (np.zeros((runs, steps + 1, v)), np.zeros((runs, steps + 1, v, v))) if node_costs is None else (node_costs.g, node_costs.H)
         rows = [
-            along.z[:, -2::-1],
-            along.u[:, ::-1],
-            along.due[..., ::-1, :],
+            rollout.z[:, -2::-1],
+            rollout.u[:, ::-1],
+            rollout.due[..., ::-1, :],
             np.repeat(weights[:, None], steps, axis=1),
             g[:, -2::-1],
         ]
-        slopes = np.hstack([g[:, -1, :n], np.zeros((runs, self.c - n))])
-        K, R, slope, first, start = self._in_matrices(along, rows, slopes, H) if self._is_large else self._as_graph(rows, slopes, H)
+        costate = np.hstack([g[:, -1, :n], np.zeros((runs, self.c - n))])
+        K, R, gradient, initial_gradient, initial_hessian = (
+            self._backward_by_matrices(rollout, rows, costate, H) if self._is_large else self._backward_by_graph(rows, costate, H)
+        )
         if g[:, -1, n:].any() or H[:, -1, n:].any():
-            self._add_last(along, g[:, -1], H[:, -1], (K[:, -1], R[:, -1], slope[:, -1]))
-        return Second(K, R, slope, first, start)
+            self._add_last(rollout, g[:, -1], H[:, -1], (K[:, -1], R[:, -1], gradient[:, -1]))
+        return SecondDerivatives(K, R, gradient, initial_gradient, initial_hessian)
 
-    def _as_graph(self, rows: list[np.ndarray], slopes: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return K, R, slope, first and start of `Second`, all in one loop."""
+    def _backward_by_graph(self, rows: list[np.ndarray], costate: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return K, R, slope, first and start of `SecondDerivatives`, all in one loop."""
         lower, inner, runs, steps = np.triu_indices(self.n + self.m), np.triu_indices(self.c), len(H), H.shape[1] - 1
-        end = np.hstack([slopes, self._last(H)[:, inner[1], inner[0]]])
+        end = np.hstack([costate, self._last(H)[:, inner[1], inner[0]]])
         run = self._backward.run(end, [*rows, H[:, -2::-1, lower[1], lower[0]]], steps, carries=False)
-        K, R, slope = (values[:, ::-1].copy() for values in run.results)
-        start = np.zeros((runs, self.c, self.c))
-        start[:, inner[1], inner[0]] = start[:, inner[0], inner[1]] = run.carry[:, self.c :]
+        K, R, gradient = (values[:, ::-1].copy() for values in run.results)
+        initial_hessian = np.zeros((runs, self.c, self.c))
+        initial_hessian[:, inner[1], inner[0]] = initial_hessian[:, inner[0], inner[1]] = run.carry[:, self.c :]
         shape = (runs, steps, self.m)
-        return K.reshape(*shape, self.c), R.reshape(*shape, self.m), slope, run.carry[:, : self.c], start
+        return K.reshape(*shape, self.c), R.reshape(*shape, self.m), gradient, run.carry[:, : self.c], initial_hessian
 
-    def _in_matrices(self, along: Along, rows: list[np.ndarray], slopes: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _backward_by_matrices(self, rollout: Rollout, rows: list[np.ndarray], costate: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the same, the products with P as those of matrices."""
-        (runs, steps), c, size = along.u.shape[:2], self.c, self.c + self.m
-        run = self._backward.run(slopes, rows, steps, carries=False)
-        bends, slope = (values[:, ::-1].copy() for values in run.results)
-        bends = bends.reshape(runs, steps, size, size)
-        place, linear, P = np.array([*range(self.n), *range(c, size)]), self.linear(along), self._last(H)
-        bends[:, :, place[:, None], place] += H[:, :-1]
+        (runs, steps), c, size = rollout.u.shape[:2], self.c, self.c + self.m
+        run = self._backward.run(costate, rows, steps, carries=False)
+        hessians, gradient = (values[:, ::-1].copy() for values in run.results)
+        hessians = hessians.reshape(runs, steps, size, size)
+        positions, linearisation, P = np.array([*range(self.n), *range(c, size)]), self.linearise(rollout), self._last(H)
+        hessians[:, :, positions[:, None], positions] += H[:, :-1]
         for k in reversed(range(steps)):
-            moves = np.concatenate([linear.A[:, k], linear.B[:, k]], axis=2)
-            bends[:, k] += moves.swapaxes(1, 2) @ P @ moves
-            P = bends[:, k, :c, :c]
-        return bends[:, :, c:, :c], bends[:, :, c:, c:], slope, run.carry, P
+            jacobian = np.concatenate([linearisation.A[:, k], linearisation.B[:, k]], axis=2)
+            hessians[:, k] += jacobian.swapaxes(1, 2) @ P @ jacobian
+            P = hessians[:, k, :c, :c]
+        return hessians[:, :, c:, :c], hessians[:, :, c:, c:], gradient, run.carry, P
 
     def _last(self, H: np.ndarray) -> np.ndarray:
         """P (M, c, c) at the last node."""
@@ -134,75 +136,79 @@ class Variation:
         P[:, : self.n, : self.n] = H[:, -1, : self.n, : self.n]
         return P
 
-    def _add_last(self, along: Along, g: np.ndarray, H: np.ndarray, into: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+    def _add_last(self, rollout: Rollout, g: np.ndarray, H: np.ndarray, into: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
         """Add what depends on the last inputs at the last node, where dx_N = A dz_N-1 + B du_N-1, to K, R and slope of the last step."""
-        n, (K, R, slope) = self.n, into
-        last = self.linear(Along(along.z[:, -2:], along.u[:, -1:], along.due[..., -1:, :]))
+        n, (K, R, gradient) = self.n, into
+        last = self.linearise(Rollout(rollout.z[:, -2:], rollout.u[:, -1:], rollout.due[..., -1:, :]))
         A, B, cross = last.A[:, 0, :n], last.B[:, 0, :n], H[:, n:, :n]
         K += cross @ A
         R += H[:, n:, n:] + cross @ B + (cross @ B).swapaxes(1, 2)
-        slope += g[:, n:]
+        gradient += g[:, n:]
 
-    def _second_order(self) -> Scan:
+    def _second_order_scan(self) -> Scan:
         """(lambda, P)_k+1 -> (lambda, P)_k with h = weights' gain + lambda' z_next + what is injected.
 
         P = h_zz + A'P A, K = h_uz + B'P A, R = h_uu + B'P B.
         """
-        one, n, v = self._one, self.n, self.n + self.m
-        later, (P, entries) = ca.SX.sym("lambda", self.c), symmetric("P", self.c)
-        weights, g, (H, spots) = ca.SX.sym("weights", self.b), ca.SX.sym("g", v), symmetric("H", v)
-        both = ca.vertcat(one.z, one.u)
-        potential = ca.dot(weights, one.gain) + ca.dot(later, one.z_next)
-        bend, slope = ca.hessian(potential, both)
-        A, B = ca.jacobian(one.z_next, one.z), ca.jacobian(one.z_next, one.u)
+        step, n, v = self._recursion, self.n, self.n + self.m
+        costate, (P, entries) = ca.SX.sym("lambda", self.c), symmetric("P", self.c)
+        weights, g, (H, node_entries) = ca.SX.sym("weights", self.b), ca.SX.sym("g", v), symmetric("H", v)
+        variables = ca.vertcat(step.z, step.u)
+        potential = ca.dot(weights, step.gain) + ca.dot(costate, step.z_next)
+        hessian, gradient = ca.hessian(potential, variables)
+        A, B = ca.jacobian(step.z_next, step.z), ca.jacobian(step.z_next, step.u)
         c = self.c
-        place = [*range(n), *range(c, c + self.m)]
-        slope, bend = ca.densify(slope), ca.densify(bend)
-        slope[place] += g
-        for i, row in enumerate(place):
-            for j, column in enumerate(place):
-                bend[row, column] += H[i, j]
-        K = bend[c:, :c] + B.T @ P @ A
-        R = bend[c:, c:] + B.T @ P @ B
-        P_now = bend[:c, :c] + A.T @ P @ A
-        carry_next = ca.vertcat(slope[:c], packed(P_now))
-        results = [ca.vec(K.T), ca.vec(R), slope[c:]]
-        return Scan(ca.vertcat(later, entries), [one.z, one.u, one.due, weights, g, spots], carry_next, results)
+        positions = [*range(n), *range(c, c + self.m)]
+        gradient, hessian = ca.densify(gradient), ca.densify(hessian)
+        gradient[positions] += g
+        for i, row in enumerate(positions):
+            for j, column in enumerate(positions):
+                hessian[row, column] += H[i, j]
+        K = hessian[c:, :c] + B.T @ P @ A
+        R = hessian[c:, c:] + B.T @ P @ B
+        P_now = hessian[:c, :c] + A.T @ P @ A
+        carry_next = ca.vertcat(gradient[:c], pack(P_now))
+        results = [ca.vec(K.T), ca.vec(R), gradient[c:]]
+        return Scan(ca.vertcat(costate, entries), [step.z, step.u, step.due, weights, g, node_entries], carry_next, results)
 
-    def _bends(self) -> Scan:
+    def _hessian_scan(self) -> Scan:
         """lambda_k+1 -> lambda_k; results: the Hessian of weights' gain + lambda' z_next to (z, u), without the products with P."""
-        one, n = self._one, self.n
-        later, weights, g = ca.SX.sym("lambda", self.c), ca.SX.sym("weights", self.b), ca.SX.sym("g", n + self.m)
-        bend, slope = ca.hessian(ca.dot(weights, one.gain) + ca.dot(later, one.z_next), ca.vertcat(one.z, one.u))
-        slope = ca.densify(slope)
-        slope[[*range(n), *range(self.c, self.c + self.m)]] += g
-        return Scan(later, [one.z, one.u, one.due, weights, g], slope[: self.c], [_spread(bend), slope[self.c :]], shared=False)
+        step, n = self._recursion, self.n
+        costate, weights, g = ca.SX.sym("lambda", self.c), ca.SX.sym("weights", self.b), ca.SX.sym("g", n + self.m)
+        hessian, gradient = ca.hessian(ca.dot(weights, step.gain) + ca.dot(costate, step.z_next), ca.vertcat(step.z, step.u))
+        gradient = ca.densify(gradient)
+        gradient[[*range(n), *range(self.c, self.c + self.m)]] += g
+        return Scan(
+            costate, [step.z, step.u, step.due, weights, g], gradient[: self.c], [_spread(hessian), gradient[self.c :]], share=False
+        )
 
 
-def carried(linear: Linear, first: np.ndarray, M: np.ndarray) -> np.ndarray:
+def propagate_sensitivity(linearisation: Linearisation, initial: np.ndarray, M: np.ndarray) -> np.ndarray:
     """Return G (M, N+1, c, q), dz_k/dp, from first (M, c, q) with inputs du_k = M_k dp, M (N, m, q) or (M, N, m, q)."""
-    runs, steps, c, _ = linear.A.shape
-    G = np.empty((runs, steps + 1, c, first.shape[-1]))
-    G[:, 0] = first
-    pushed = linear.B @ M
+    runs, steps, c, _ = linearisation.A.shape
+    G = np.empty((runs, steps + 1, c, initial.shape[-1]))
+    G[:, 0] = initial
+    forcing = linearisation.B @ M
     if runs == 1:  # fewer dimensions: half the time
-        A, one, push = linear.A[0], G[0], pushed[0]
+        A, single, single_forcing = linearisation.A[0], G[0], forcing[0]
         for k in range(steps):
-            np.dot(A[k], one[k], out=one[k + 1])
-            one[k + 1] += push[k]
+            np.dot(A[k], single[k], out=single[k + 1])
+            single[k + 1] += single_forcing[k]
         return G
     for k in range(steps):
-        np.matmul(linear.A[:, k], G[:, k], out=G[:, k + 1])
-        G[:, k + 1] += pushed[:, k]
+        np.matmul(linearisation.A[:, k], G[:, k], out=G[:, k + 1])
+        G[:, k + 1] += forcing[:, k]
     return G
 
 
-def _spread(matrix: ca.SX) -> Spread:
+def _spread(matrix: ca.SX) -> ExpandedColumn:
     """Return a matrix for an array, row by row, each entry computed once and zeros not at all."""
     rows, columns = matrix.shape
-    place = np.full((rows, columns), matrix.nnz())
-    place[np.array(matrix.sparsity().row(), dtype=int), np.array(matrix.sparsity().get_triplet()[1], dtype=int)] = np.arange(matrix.nnz())
-    return Spread(ca.vertcat(matrix.nz[:], 0), place.ravel())
+    positions = np.full((rows, columns), matrix.nnz())
+    positions[np.array(matrix.sparsity().row(), dtype=int), np.array(matrix.sparsity().get_triplet()[1], dtype=int)] = np.arange(
+        matrix.nnz()
+    )
+    return ExpandedColumn(ca.vertcat(matrix.nz[:], 0), positions.ravel())
 
 
 def _flat(values: np.ndarray) -> np.ndarray:

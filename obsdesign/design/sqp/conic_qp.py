@@ -11,22 +11,22 @@ import numpy as np
 from scipy import sparse
 
 clarabel: Any = _untyped  # its stubs leave out what it has
-_ACCEPTED = ("Solved", "AlmostSolved")
+_ACCEPTED_STATUSES = ("Solved", "AlmostSolved")
 
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """A + sum_i d_i D_i - t_j E + e share I >= 0: A (n, n), D (q, n, n), E (n, n); j: which t, None = none; share: of the slack."""
+    """A + sum d_i D_i - t_j E + e slack I >= 0: A (n, n), D (q, n, n), E (n, n); epigraph_index: which t, None = none; slack_factor: e"""
 
     A: np.ndarray
     D: np.ndarray
     E: np.ndarray
-    j: int | None
-    share: float
+    epigraph_index: int | None
+    slack_factor: float
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ConicQP:
     """minimise d'B d / 2 + g'd - weights't + penalty e over low <= d <= high, e >= 0, t free.
 
     cones; rows + slopes d + e >= 0 (r,), (r, q); hard + hard_slopes d - t_0 >= 0: rows that bound t_0 and have no slack.
@@ -36,51 +36,56 @@ class Model:
     g: np.ndarray
     weights: np.ndarray
     penalty: float
-    low: np.ndarray
-    high: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     cones: tuple[Cone, ...]
     rows: np.ndarray
-    slopes: np.ndarray
-    hard: np.ndarray
-    hard_slopes: np.ndarray
+    jacobian: np.ndarray
+    epigraph_rows: np.ndarray
+    epigraph_jacobian: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class ConicSolution:
     """The minimiser: d (q,), e, the multipliers of cones, rows, hard rows and of both bounds."""
 
     d: np.ndarray
-    e: float
+    slack: float
     Z: tuple[np.ndarray, ...]
-    rows: np.ndarray
-    hard: np.ndarray
-    bounds: np.ndarray
+    row_multipliers: np.ndarray
+    epigraph_multipliers: np.ndarray
+    bound_multipliers: np.ndarray
 
 
-def minimised(model: Model, tolerance: float) -> Step | None:
+def minimise(qp: ConicQP, tolerance: float) -> ConicSolution | None:
     """Return the minimiser, or None where the solver gives up."""
-    quick = _solved(model, tolerance, careful=False)
-    return quick if quick is not None else _solved(model, tolerance, careful=True)
+    quick = _solve_clarabel(qp, tolerance, careful=False)
+    return quick if quick is not None else _solve_clarabel(qp, tolerance, careful=True)
 
 
-def _solved(model: Model, tolerance: float, careful: bool) -> Step | None:
+def _solve_clarabel(qp: ConicQP, tolerance: float, careful: bool) -> ConicSolution | None:
     """Hand the model to Clarabel; careful: with all that it does for badly scaled problems, at twice the time."""
-    q, T, slack = len(model.g), len(model.weights), len(model.g) + len(model.weights)
-    dense = np.vstack([_rows(model, slack), *(_cone_rows(cone, q, slack) for cone in model.cones)])
-    sides = [model.high, -model.low, [0.0], model.rows, model.hard, *(_vector(cone.A) for cone in model.cones)]
-    lines = 2 * q + 1 + len(model.rows) + len(model.hard)
-    kinds = [clarabel.NonnegativeConeT(lines), *(clarabel.PSDTriangleConeT(len(cone.A)) for cone in model.cones)]
-    linear = np.concatenate([model.g, -model.weights, [model.penalty]])
+    q, T, slack_column = len(qp.g), len(qp.weights), len(qp.g) + len(qp.weights)
+    dense = np.vstack([_linear_rows(qp, slack_column), *(_cone_rows(cone, q, slack_column) for cone in qp.cones)])
+    sides = [qp.upper, -qp.lower, [0.0], qp.rows, qp.epigraph_rows, *(_svec(cone.A) for cone in qp.cones)]
+    row_count = 2 * q + 1 + len(qp.rows) + len(qp.epigraph_rows)
+    cone_types = [clarabel.NonnegativeConeT(row_count), *(clarabel.PSDTriangleConeT(len(cone.A)) for cone in qp.cones)]
+    linear = np.concatenate([qp.g, -qp.weights, [qp.penalty]])
     solver = clarabel.DefaultSolver(
-        _upper(model.B, slack + 1), linear, _stacked(dense, q, T), np.concatenate(sides), kinds, _settings(tolerance, careful)
+        _upper_triangle(qp.B, slack_column + 1),
+        linear,
+        _constraint_matrix(dense, q, T),
+        np.concatenate(sides),
+        cone_types,
+        _settings(tolerance, careful),
     )
-    found = _run(solver)
-    if found is None or str(found.status) not in _ACCEPTED:
+    result = _run_solver(solver)
+    if result is None or str(result.status) not in _ACCEPTED_STATUSES:
         return None
-    return _step(model, np.array(found.x), np.array(found.z), slack)
+    return _unpack_solution(qp, np.array(result.x), np.array(result.z), slack_column)
 
 
-def _run(solver: Any) -> Any:  # noqa: ANN401
+def _run_solver(solver: Any) -> Any:  # noqa: ANN401
     """Solve, or return None where Clarabel gives up by a panic of Rust, which is no Exception."""
     try:
         return solver.solve()
@@ -90,37 +95,37 @@ def _run(solver: Any) -> Any:  # noqa: ANN401
         raise
 
 
-def _rows(model: Model, slack: int) -> np.ndarray:
+def _linear_rows(qp: ConicQP, slack_column: int) -> np.ndarray:
     """-slack <= 0, -slopes d - slack <= rows, -hard_slopes d + t_0 <= hard, as rows (., q + T + 1)."""
-    q, r, h = len(model.g), len(model.rows), len(model.hard)
-    found = np.zeros((1 + r + h, slack + 1))
-    found[: 1 + r, slack] = -1.0
-    found[1 : 1 + r, :q] = -model.slopes
+    q, r, h = len(qp.g), len(qp.rows), len(qp.epigraph_rows)
+    matrix = np.zeros((1 + r + h, slack_column + 1))
+    matrix[: 1 + r, slack_column] = -1.0
+    matrix[1 : 1 + r, :q] = -qp.jacobian
     if h:
-        found[1 + r :, :q], found[1 + r :, q] = -model.hard_slopes, 1.0
-    return found
+        matrix[1 + r :, :q], matrix[1 + r :, q] = -qp.epigraph_jacobian, 1.0
+    return matrix
 
 
-def _cone_rows(cone: Cone, q: int, slack: int) -> np.ndarray:
-    found = np.zeros((cone.A.size - len(cone.A) * (len(cone.A) - 1) // 2, slack + 1))
-    found[:, :q] = -_vector(cone.D).T
-    if cone.j is not None:
-        found[:, q + cone.j] = _vector(cone.E)
-    if cone.share:
-        found[:, slack] = -cone.share * _vector(np.eye(len(cone.A)))
-    return found
+def _cone_rows(cone: Cone, q: int, slack_column: int) -> np.ndarray:
+    matrix = np.zeros((cone.A.size - len(cone.A) * (len(cone.A) - 1) // 2, slack_column + 1))
+    matrix[:, :q] = -_svec(cone.D).T
+    if cone.epigraph_index is not None:
+        matrix[:, q + cone.epigraph_index] = _svec(cone.E)
+    if cone.slack_factor:
+        matrix[:, slack_column] = -cone.slack_factor * _svec(np.eye(len(cone.A)))
+    return matrix
 
 
-def _step(model: Model, x: np.ndarray, z: np.ndarray, slack: int) -> Step:
-    q, r, h = len(model.g), len(model.rows), len(model.hard)
-    first = 2 * q + 1 + r + h
-    Z, at = [], first
-    for cone in model.cones:
+def _unpack_solution(qp: ConicQP, x: np.ndarray, z: np.ndarray, slack_column: int) -> ConicSolution:
+    q, r, h = len(qp.g), len(qp.rows), len(qp.epigraph_rows)
+    cone_start = 2 * q + 1 + r + h
+    Z, position = [], cone_start
+    for cone in qp.cones:
         n = len(cone.A)
-        Z.append(_matrix(z[at : at + n * (n + 1) // 2], n))
-        at += n * (n + 1) // 2
+        Z.append(_smat(z[position : position + n * (n + 1) // 2], n))
+        position += n * (n + 1) // 2
     rows = z[2 * q + 1 : 2 * q + 1 + r]
-    return Step(x[:q], float(x[slack]), tuple(Z), rows, z[first - h : first], np.maximum(z[:q], z[q : 2 * q]))
+    return ConicSolution(x[:q], float(x[slack_column]), tuple(Z), rows, z[cone_start - h : cone_start], np.maximum(z[:q], z[q : 2 * q]))
 
 
 @lru_cache(8)
@@ -133,22 +138,22 @@ def _settings(tolerance: float, careful: bool) -> Any:  # noqa: ANN401
     return settings
 
 
-def _upper(B: np.ndarray, width: int) -> sparse.csc_matrix:
+def _upper_triangle(B: np.ndarray, width: int) -> sparse.csc_matrix:
     """Return the upper triangle of B (q, q), padded with zeros to (width, width)."""
-    columns, rows, ends = _triangle(len(B), width)
+    columns, rows, ends = _triangle_pattern(len(B), width)
     return sparse.csc_matrix((B[rows, columns], rows, ends), shape=(width, width))
 
 
 @lru_cache(16)
-def _triangle(q: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _triangle_pattern(q: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     columns, rows = np.tril_indices(q)  # of the transpose: column by column
     ends = np.arange(q + 1) * np.arange(1, q + 2) // 2
     return columns, rows, np.concatenate([ends, np.full(width - q, ends[-1])])
 
 
-def _stacked(dense: np.ndarray, q: int, T: int) -> sparse.csc_matrix:
+def _constraint_matrix(dense: np.ndarray, q: int, T: int) -> sparse.csc_matrix:
     """Return [I 0; -I 0; dense], the bounds of the q first variables above rows without structure."""
-    indices, ends = _places(q, T, len(dense))
+    indices, ends = _sparsity_pattern(q, T, len(dense))
     bounds = np.empty((q, 2 + len(dense)))
     bounds[:, 0], bounds[:, 1], bounds[:, 2:] = 1.0, -1.0, dense[:, :q].T
     data = np.concatenate([bounds.ravel(), dense[:, q:].T.ravel()])
@@ -156,27 +161,27 @@ def _stacked(dense: np.ndarray, q: int, T: int) -> sparse.csc_matrix:
 
 
 @lru_cache(64)
-def _places(q: int, T: int, lines: int) -> tuple[np.ndarray, np.ndarray]:
-    below = 2 * q + np.arange(lines)
-    first = [np.concatenate([[j, q + j], below]) for j in range(q)]
-    ends = np.cumsum([0, *([lines + 2] * q), *([lines] * (T + 1))])
-    return np.concatenate([*first, *([below] * (T + 1))]), ends
+def _sparsity_pattern(q: int, T: int, row_count: int) -> tuple[np.ndarray, np.ndarray]:
+    row_indices = 2 * q + np.arange(row_count)
+    first = [np.concatenate([[j, q + j], row_indices]) for j in range(q)]
+    ends = np.cumsum([0, *([row_count + 2] * q), *([row_count] * (T + 1))])
+    return np.concatenate([*first, *([row_indices] * (T + 1))]), ends
 
 
 @lru_cache(16)
-def _lower(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _triangle_indices(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     columns, rows = np.tril_indices(n)
     return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
-def _vector(S: np.ndarray) -> np.ndarray:
+def _svec(S: np.ndarray) -> np.ndarray:
     """Upper triangles (..., n (n + 1) / 2) of symmetric S (..., n, n), column by column, off the diagonal times sqrt 2."""
-    rows, columns, weights = _lower(S.shape[-1])
+    rows, columns, weights = _triangle_indices(S.shape[-1])
     return S[..., rows, columns] * weights
 
 
-def _matrix(values: np.ndarray, n: int) -> np.ndarray:
-    rows, columns, weights = _lower(n)
+def _smat(values: np.ndarray, n: int) -> np.ndarray:
+    rows, columns, weights = _triangle_indices(n)
     S = np.empty((n, n))
     S[rows, columns] = S[columns, rows] = values / weights
     return S

@@ -6,228 +6,267 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.design.nlp.evaluation import Multipliers, Slopes
-from obsdesign.design.sqp.active_set_step import Active, Face, newton
-from obsdesign.design.sqp.conic_qp import Cone, Model, Step, minimised
-from obsdesign.design.sqp.matrix_objective import AbstractAim, value_of, weights_of
-from obsdesign.design.sqp.merit import Place, Scene, Terms, shortfall
+from obsdesign.design.nlp.evaluation import Derivatives, Multipliers
+from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
+from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
+from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective, initial_weights
+from obsdesign.design.sqp.merit import Iterate, MeritFunction, MeritScaling, largest_violation
 
-FEASIBLE = 1e-7  # by how much a margin, of order 1, may fall short
-_NEAR = 0.3  # margins below this are in every model; others when a model's solution would break them
-_ACTIVE = 1e-6  # multipliers above this are of something active
-_TIGHT = 10.0  # weight of active normals in what is made convex, in units of the largest curvature
-_ACCURACY = 1e-9  # of Clarabel
-_BENT = 1e-6  # share of the largest curvature below which one is not negative
+FEASIBILITY_TOLERANCE = 1e-7  # by how much a margin, of order 1, may fall short
+_NEAR_MARGIN = 0.3  # margins below this are in every model; others when a model's solution would break them
+_ACTIVE_MULTIPLIER = 1e-6  # multipliers above this are of something active
+_NORMAL_WEIGHT = 10.0  # weight of active normals in what is made convex, in units of the largest curvature
+_QP_TOLERANCE = 1e-9  # of Clarabel
+_NEGATIVE_SHARE = 1e-6  # share of the largest curvature below which one is not negative
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class LocalModel:
     """A place with its slopes, the Hessian H (q, q) of the Lagrangian, and B, what of it is convex.
 
-    hard + hard_slopes d - t >= 0: the numbers of several matrices, the least of which counts. downhill (q,): where curvature is most
-    negative, one width of the box long; None where it nowhere is.
+    hard + hard_slopes d - t >= 0: the numbers of several matrices, the least of which counts. negative_curvature (q,): where curvature is
+    most negative, one width of the box long; None where it nowhere is.
     """
 
-    scene: Scene
-    place: Place
-    slopes: Slopes
-    floor_slopes: np.ndarray
+    merit_function: MeritFunction
+    iterate: Iterate
+    derivatives: Derivatives
+    floor_derivatives: np.ndarray
     H: np.ndarray
     B: np.ndarray
     g: np.ndarray
-    hard: np.ndarray
-    hard_slopes: np.ndarray
-    downhill: np.ndarray | None
+    epigraph_rows: np.ndarray
+    epigraph_jacobian: np.ndarray
+    negative_curvature: np.ndarray | None
 
 
 @dataclass(frozen=True, eq=False)
-class Solved:
+class ModelSolution:
     """A model's minimiser, the rows that it knew of, and what the model says the merit is there."""
 
-    step: Step
-    rows: np.ndarray
-    promised: float
+    qp_solution: ConicSolution
+    row_indices: np.ndarray
+    predicted_merit: float
 
     @property
     def d(self) -> np.ndarray:
         """The step (q,)."""
-        return self.step.d
+        return self.qp_solution.d
 
 
-def local_at(scene: Scene, place: Place, slopes: Slopes, multipliers: Multipliers, held: np.ndarray, terms: Terms) -> Local:
-    """Return the model's data; multipliers weigh the curvatures, held (q,) says which parameters lie on their bounds."""
-    values, aim = place.values, scene.aim
-    H, g = scene.program.curvature(values, slopes, multipliers), slopes.price / terms.unit
-    hard, hard_slopes = np.zeros(0), np.zeros((0, len(g)))
-    if not aim.is_cone:
-        weights = weights_of(aim, values.matrices)
-        towards = np.einsum("bij,bqij->bq", aim.slopes(values.matrices), slopes.matrices) / terms.unit
-        H = H + np.einsum("b,bij->ij", weights, aim.curvatures(values.matrices, slopes.matrices)) / terms.unit
-        if aim.worst and len(values.matrices) > 1:
-            hard, hard_slopes = aim.each(values.matrices) / terms.unit, towards
+def build_model(
+    merit_function: MeritFunction,
+    iterate: Iterate,
+    derivatives: Derivatives,
+    multipliers: Multipliers,
+    at_bound: np.ndarray,
+    scaling: MeritScaling,
+) -> LocalModel:
+    """Return the model's data; multipliers weigh the curvatures, at_bound (q,) says which parameters lie on their bounds."""
+    evaluation, objective = iterate.evaluation, merit_function.objective
+    H, g = merit_function.program.lagrangian_hessian(evaluation, derivatives, multipliers), derivatives.price / scaling.unit
+    epigraph_rows, epigraph_jacobian = np.zeros(0), np.zeros((0, len(g)))
+    if not objective.is_cone:
+        weights = initial_weights(objective, evaluation.matrices)
+        objective_jacobian = np.einsum("bij,bqij->bq", objective.gradients(evaluation.matrices), derivatives.matrices) / scaling.unit
+        H = H + np.einsum("b,bij->ij", weights, objective.curvatures(evaluation.matrices, derivatives.matrices)) / scaling.unit
+        if objective.is_worst_case and len(evaluation.matrices) > 1:
+            epigraph_rows, epigraph_jacobian = objective.values(evaluation.matrices) / scaling.unit, objective_jacobian
         else:
-            g = g - weights @ towards
-    width = scene.width
-    B, downhill = _convex(H * np.outer(width, width), _normals(aim, slopes, multipliers, held, width))
-    downhill = None if downhill is None else downhill * width
-    return Local(scene, place, slopes, scene.floor_slopes(slopes), H, B / np.outer(width, width), g, hard, hard_slopes, downhill)
+            g = g - weights @ objective_jacobian
+    width = merit_function.width
+    B, negative_curvature = _convexify(H * np.outer(width, width), _active_normals(objective, derivatives, multipliers, at_bound, width))
+    negative_curvature = None if negative_curvature is None else negative_curvature * width
+    return LocalModel(
+        merit_function,
+        iterate,
+        derivatives,
+        merit_function.floor_derivatives(derivatives),
+        H,
+        B / np.outer(width, width),
+        g,
+        epigraph_rows,
+        epigraph_jacobian,
+        negative_curvature,
+    )
 
 
-def solved(local: Local, terms: Terms, radius: float) -> Solved | None:
+def solve_model(model: LocalModel, scaling: MeritScaling, radius: float) -> ModelSolution | None:
     """Minimise the model in the trust region, with the margins that are near and those that its solution would break."""
-    values = local.place.values
-    rows = np.flatnonzero(values.rows < _NEAR)
+    evaluation = model.iterate.evaluation
+    rows = np.flatnonzero(evaluation.rows < _NEAR_MARGIN)
     while True:
-        step = minimised(_model(local, _begin(local), rows, terms, radius), _ACCURACY)
-        if step is None:
+        qp_solution = minimise(_conic_qp(model, _base_point(model), rows, scaling, radius), _QP_TOLERANCE)
+        if qp_solution is None:
             return None
-        after = values.rows + local.slopes.rows @ step.d + step.e
-        broken = after < -FEASIBLE / 10
-        broken[rows] = False
-        if not broken.any():
-            return Solved(step, rows, _promise(local, step.d, terms))
-        rows = np.union1d(rows, np.flatnonzero(broken))
+        model_rows = evaluation.rows + model.derivatives.rows @ qp_solution.d + qp_solution.slack
+        violated = model_rows < -FEASIBILITY_TOLERANCE / 10
+        violated[rows] = False
+        if not violated.any():
+            return ModelSolution(qp_solution, rows, _predicted_merit(model, qp_solution.d, scaling))
+        rows = np.union1d(rows, np.flatnonzero(violated))
 
 
-def slack_if_lighter(local: Local, found: Solved, terms: Terms, radius: float, share: float) -> float:
+def slack_at_weight(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float, weight: float) -> float:
     """Return the slack that the model would need if its aim counted for a share only."""
-    model = _model(local, _begin(local), found.rows, terms, radius)
-    step = minimised(replace(model, g=share * model.g, weights=share * model.weights), _ACCURACY)
-    return np.inf if step is None else step.e
+    qp = _conic_qp(model, _base_point(model), solution.row_indices, scaling, radius)
+    qp_solution = minimise(replace(qp, g=weight * qp.g, weights=weight * qp.weights), _QP_TOLERANCE)
+    return np.inf if qp_solution is None else qp_solution.slack
 
 
-def corrected(local: Local, found: Solved, moved: Place, terms: Terms, radius: float) -> np.ndarray | None:
+def second_order_correction(
+    model: LocalModel, solution: ModelSolution, trial: Iterate, scaling: MeritScaling, radius: float
+) -> np.ndarray | None:
     """Return the step again, with limits and matrices as they turned out at its end (second-order correction)."""
-    values, slopes, d = moved.values, local.slopes, found.d
-    turned = _Ends(
-        values.matrices - np.tensordot(d, slopes.matrices, (0, 1)),
-        moved.floors - np.tensordot(d, local.floor_slopes, (0, 1)),
-        values.rows - slopes.rows @ d,
-        local.scene.aim.each(values.matrices) / terms.unit - local.hard_slopes @ d if len(local.hard) else local.hard,
+    evaluation, derivatives, d = trial.evaluation, model.derivatives, solution.d
+    base = _BasePoint(
+        evaluation.matrices - np.tensordot(d, derivatives.matrices, (0, 1)),
+        trial.floors - np.tensordot(d, model.floor_derivatives, (0, 1)),
+        evaluation.rows - derivatives.rows @ d,
+        model.merit_function.objective.values(evaluation.matrices) / scaling.unit - model.epigraph_jacobian @ d
+        if len(model.epigraph_rows)
+        else model.epigraph_rows,
     )
-    step = minimised(_model(local, turned, found.rows, terms, radius), _ACCURACY)
-    return None if step is None else step.d
+    qp_solution = minimise(_conic_qp(model, base, solution.row_indices, scaling, radius), _QP_TOLERANCE)
+    return None if qp_solution is None else qp_solution.d
 
 
-def sharpened(local: Local, found: Solved, terms: Terms, radius: float) -> np.ndarray | None:
+def active_set_step(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float) -> np.ndarray | None:
     """Return Newton's step on what the model's solution holds active, with all of the curvature; None where it leaves the region."""
-    values, step, width = local.place.values, found.step, local.scene.width
-    kept, chosen = step.rows > _ACTIVE, step.hard > _ACTIVE
-    cones = _cones(local, _begin(local), terms)
-    faces = [Face(cone.A, cone.D, cone.E, cone.j, Z) for cone, Z in zip(cones, step.Z, strict=True) if np.trace(Z) > _ACTIVE]
-    active = Active(
-        local.H,
-        local.g,
-        _weights(local.scene.aim, len(values.matrices)),
-        faces,
-        values.rows[found.rows][kept],
-        local.slopes.rows[found.rows][kept],
-        local.hard[chosen],
-        local.hard_slopes[chosen],
-        step.bounds > _ACTIVE,
-        step.d,
+    evaluation, qp_solution, width = model.iterate.evaluation, solution.qp_solution, model.merit_function.width
+    active_rows, active_epigraph_rows = (
+        qp_solution.row_multipliers > _ACTIVE_MULTIPLIER,
+        qp_solution.epigraph_multipliers > _ACTIVE_MULTIPLIER,
     )
-    d = newton(active)
+    cones = _cones(model, _base_point(model), scaling)
+    active_cones = [
+        ActiveCone(cone.A, cone.D, cone.E, cone.epigraph_index, Z)
+        for cone, Z in zip(cones, qp_solution.Z, strict=True)
+        if np.trace(Z) > _ACTIVE_MULTIPLIER
+    ]
+    system = KKTSystem(
+        model.H,
+        model.g,
+        _epigraph_weights(model.merit_function.objective, len(evaluation.matrices)),
+        active_cones,
+        evaluation.rows[solution.row_indices][active_rows],
+        model.derivatives.rows[solution.row_indices][active_rows],
+        model.epigraph_rows[active_epigraph_rows],
+        model.epigraph_jacobian[active_epigraph_rows],
+        qp_solution.bound_multipliers > _ACTIVE_MULTIPLIER,
+        qp_solution.d,
+    )
+    d = newton_step(system)
     return None if d is None or float(np.max(np.abs(d) / width)) > radius else d
 
 
-def priced(local: Local, found: Solved, terms: Terms) -> Multipliers:
+def multipliers_of(model: LocalModel, solution: ModelSolution, scaling: MeritScaling) -> Multipliers:
     """Return the multipliers of a model's solution."""
-    scene, values, step = local.scene, local.place.values, found.step
-    aim, count, floor = scene.aim, len(values.matrices), scene.program.problem.floor
-    own = count if aim.is_cone else 0
-    windows = len(values.floors)
-    Z = np.array(step.Z).reshape(-1, *values.matrices.shape[1:])
-    if aim.is_cone:
-        matrices = Z[:own] / terms.unit
+    merit_function, evaluation, qp_solution = model.merit_function, model.iterate.evaluation, solution.qp_solution
+    objective, matrix_count, floor = merit_function.objective, len(evaluation.matrices), merit_function.program.problem.floor
+    objective_cones = matrix_count if objective.is_cone else 0
+    window_count = len(evaluation.floors)
+    Z = np.array(qp_solution.Z).reshape(-1, *evaluation.matrices.shape[1:])
+    if objective.is_cone:
+        matrices = Z[:objective_cones] / scaling.unit
     else:
-        weights = step.hard if len(step.hard) else weights_of(aim, values.matrices)
-        matrices = aim.slopes(values.matrices) * (weights / terms.unit)[:, None, None]
-    if scene.least:
-        matrices = matrices + Z[own + windows :] / scene.least
-    rows = np.zeros(len(values.rows))
-    rows[found.rows] = step.rows
-    return Multipliers(matrices, Z[own : own + windows] / (1.0 if floor is None else floor.value), rows, 1 / terms.unit)
+        weights = (
+            qp_solution.epigraph_multipliers if len(qp_solution.epigraph_multipliers) else initial_weights(objective, evaluation.matrices)
+        )
+        matrices = objective.gradients(evaluation.matrices) * (weights / scaling.unit)[:, None, None]
+    if merit_function.eigenvalue_floor:
+        matrices = matrices + Z[objective_cones + window_count :] / merit_function.eigenvalue_floor
+    rows = np.zeros(len(evaluation.rows))
+    rows[solution.row_indices] = qp_solution.row_multipliers
+    return Multipliers(
+        matrices, Z[objective_cones : objective_cones + window_count] / (1.0 if floor is None else floor.value), rows, 1 / scaling.unit
+    )
 
 
 # ---------------------------------------------------------------- the model
 
 
 @dataclass(frozen=True, eq=False)
-class _Ends:
+class _BasePoint:
     """What limits and matrices are where the model begins: those of its place, or as a step turned out."""
 
     matrices: np.ndarray
     floors: np.ndarray
     rows: np.ndarray
-    hard: np.ndarray
+    epigraph_rows: np.ndarray
 
 
-def _begin(local: Local) -> _Ends:
-    values = local.place.values
-    return _Ends(values.matrices, local.place.floors, values.rows, local.hard)
+def _base_point(model: LocalModel) -> _BasePoint:
+    evaluation = model.iterate.evaluation
+    return _BasePoint(evaluation.matrices, model.iterate.floors, evaluation.rows, model.epigraph_rows)
 
 
-def _model(local: Local, ends: _Ends, rows: np.ndarray, terms: Terms, radius: float) -> Model:
-    program, p, width = local.scene.program, local.place.values.p, local.scene.width
-    return Model(
-        local.B,
-        local.g,
-        _weights(local.scene.aim, len(ends.matrices)),
-        terms.penalty,
+def _conic_qp(model: LocalModel, base: _BasePoint, rows: np.ndarray, scaling: MeritScaling, radius: float) -> ConicQP:
+    program, p, width = model.merit_function.program, model.iterate.evaluation.p, model.merit_function.width
+    return ConicQP(
+        model.B,
+        model.g,
+        _epigraph_weights(model.merit_function.objective, len(base.matrices)),
+        scaling.penalty,
         np.maximum(program.lower - p, -radius * width),
         np.minimum(program.upper - p, radius * width),
-        _cones(local, ends, terms),
-        ends.rows[rows],
-        local.slopes.rows[rows],
-        ends.hard,
-        local.hard_slopes,
+        _cones(model, base, scaling),
+        base.rows[rows],
+        model.derivatives.rows[rows],
+        base.epigraph_rows,
+        model.epigraph_jacobian,
     )
 
 
-def _cones(local: Local, ends: _Ends, terms: Terms) -> tuple[Cone, ...]:
-    aim, n, found = local.scene.aim, ends.matrices.shape[-1], []
-    if aim.is_cone:
-        E = aim.edge(n)
-        for i, (A, D) in enumerate(zip(ends.matrices, local.slopes.matrices, strict=True)):
-            found.append(Cone(A / terms.unit, D / terms.unit, E, 0 if aim.worst else i, 0.0))
+def _cones(model: LocalModel, base: _BasePoint, scaling: MeritScaling) -> tuple[Cone, ...]:
+    objective, n, cones = model.merit_function.objective, base.matrices.shape[-1], []
+    if objective.is_cone:
+        E = objective.cone_matrix(n)
+        for i, (A, D) in enumerate(zip(base.matrices, model.derivatives.matrices, strict=True)):
+            cones.append(Cone(A / scaling.unit, D / scaling.unit, E, 0 if objective.is_worst_case else i, 0.0))
     identity = np.eye(n)
-    found += [Cone(F - identity, D, identity, None, 1.0) for F, D in zip(ends.floors, local.floor_slopes, strict=True)]
-    return tuple(found)
+    cones += [Cone(F - identity, D, identity, None, 1.0) for F, D in zip(base.floors, model.floor_derivatives, strict=True)]
+    return tuple(cones)
 
 
-def _weights(aim: AbstractAim, count: int) -> np.ndarray:
+def _epigraph_weights(objective: AbstractMatrixObjective, count: int) -> np.ndarray:
     """Weights of the t in the model: one t for the worst of several, one each for a mean, none where the aim has a slope."""
-    if aim.is_cone and not aim.worst:
+    if objective.is_cone and not objective.is_worst_case:
         return np.full(count, 1 / count)
-    return np.ones(1) if aim.is_cone or (aim.worst and count > 1) else np.zeros(0)
+    return np.ones(1) if objective.is_cone or (objective.is_worst_case and count > 1) else np.zeros(0)
 
 
-def _promise(local: Local, d: np.ndarray, terms: Terms) -> float:
+def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) -> float:
     """The model's merit after a step, recomputed: a solver's objective is a claim."""
-    values, aim = local.place.values, local.scene.aim
-    if aim.is_cone:
-        value = value_of(aim, values.matrices + np.tensordot(d, local.slopes.matrices, (0, 1))) / terms.unit
+    evaluation, objective = model.iterate.evaluation, model.merit_function.objective
+    if objective.is_cone:
+        value = evaluate_objective(objective, evaluation.matrices + np.tensordot(d, model.derivatives.matrices, (0, 1))) / scaling.unit
     else:
-        value = float((local.hard + local.hard_slopes @ d).min()) if len(local.hard) else local.place.aim / terms.unit
-    rows = values.rows + local.slopes.rows @ d
-    floors = local.place.floors + np.tensordot(d, local.floor_slopes, (0, 1))
-    bent = local.g @ d + 0.5 * d @ local.B @ d + values.price / terms.unit
-    return float(bent - value + terms.penalty * shortfall(rows, floors))
+        value = (
+            float((model.epigraph_rows + model.epigraph_jacobian @ d).min())
+            if len(model.epigraph_rows)
+            else model.iterate.objective_value / scaling.unit
+        )
+    rows = evaluation.rows + model.derivatives.rows @ d
+    floors = model.iterate.floors + np.tensordot(d, model.floor_derivatives, (0, 1))
+    quadratic = model.g @ d + 0.5 * d @ model.B @ d + evaluation.price / scaling.unit
+    return float(quadratic - value + scaling.penalty * largest_violation(rows, floors))
 
 
 # ---------------------------------------------------------------- curvature that may stay
 
 
-def _normals(aim: AbstractAim, slopes: Slopes, multipliers: Multipliers, held: np.ndarray, width: np.ndarray) -> np.ndarray:
+def _active_normals(
+    objective: AbstractMatrixObjective, derivatives: Derivatives, multipliers: Multipliers, at_bound: np.ndarray, width: np.ndarray
+) -> np.ndarray:
     """Directions (k, q), in widths of the box, along which a step is settled by what is active: there H need not be convex."""
-    found = [slopes.rows[multipliers.rows > _ACTIVE] * width, np.eye(len(width))[held]]
-    if aim.is_cone:
-        found += [_equal_eigenvalues(Z, D) * width for Z, D in zip(multipliers.matrices, slopes.matrices, strict=True)]
-    return np.vstack(found)
+    normals = [derivatives.rows[multipliers.rows > _ACTIVE_MULTIPLIER] * width, np.eye(len(width))[at_bound]]
+    if objective.is_cone:
+        normals += [_eigenvalue_difference_slopes(Z, D) * width for Z, D in zip(multipliers.matrices, derivatives.matrices, strict=True)]
+    return np.vstack(normals)
 
 
-def _equal_eigenvalues(Z: np.ndarray, D: np.ndarray) -> np.ndarray:
+def _eigenvalue_difference_slopes(Z: np.ndarray, D: np.ndarray) -> np.ndarray:
     """Return the slopes (k, q) of the differences that stay 0 where eigenvalues coincide, their vectors being those of Z."""
     values, vectors = np.linalg.eigh(Z)
     U = vectors[:, values > 1e-3 * max(values[-1], np.finfo(float).tiny)]
@@ -239,13 +278,13 @@ def _equal_eigenvalues(Z: np.ndarray, D: np.ndarray) -> np.ndarray:
     return np.vstack([R[:, upper[0], upper[1]].T, (R[:, np.arange(1, k), np.arange(1, k)] - R[:, :1, 0]).T])
 
 
-def _convex(H: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+def _convexify(H: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Return H without the negative curvature that is not along the normals (k, q), and the direction (q,) of most of that, if any."""
     size = float(np.abs(H).max(initial=0.0))
     if not size > 0:
         return 1e-8 * np.eye(len(H)), None
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    along = normals / np.where(lengths > 0, lengths, 1.0)
-    values, vectors = np.linalg.eigh(H + _TIGHT * size * along.T @ along)
-    downhill = vectors[:, 0] if values[0] < -_BENT * size else None
-    return (vectors * np.maximum(values, 1e-7 * size)) @ vectors.T, downhill
+    unit_normals = normals / np.where(lengths > 0, lengths, 1.0)
+    values, vectors = np.linalg.eigh(H + _NORMAL_WEIGHT * size * unit_normals.T @ unit_normals)
+    negative_curvature = vectors[:, 0] if values[0] < -_NEGATIVE_SHARE * size else None
+    return (vectors * np.maximum(values, 1e-7 * size)) @ vectors.T, negative_curvature

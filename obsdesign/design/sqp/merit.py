@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.design.nlp.abstract import AbstractProgram
-from obsdesign.design.nlp.evaluation import Slopes, Values
-from obsdesign.design.sqp.matrix_objective import AbstractAim, value_of
+from obsdesign.design.nlp.evaluation import Derivatives, Evaluation
+from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class MeritScaling:
     """What merits are counted in: the unit of the aim, and what a shortfall of 1 costs in it."""
 
     unit: float
@@ -20,58 +20,67 @@ class Terms:
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Iterate:
     """A point with what it is worth: merit = (price - aim) / unit + penalty * violation, less is better."""
 
-    values: Values
+    evaluation: Evaluation
     floors: np.ndarray
     violation: float
-    aim: float
+    objective_value: float
     merit: float
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """A program and what is wanted of it; least: lambda_min of every judged matrix must be at or above this, 0 = no such limit."""
+class MeritFunction:
+    """A program and what is wanted of it; eigenvalue_floor: lambda_min of every judged matrix is at least this, 0 = no such limit."""
 
     program: AbstractProgram
-    aim: AbstractAim
-    least: float = 0.0
+    objective: AbstractMatrixObjective
+    eigenvalue_floor: float = 0.0
 
     @property
     def width(self) -> np.ndarray:
         """Widths (q,) of the box."""
         return self.program.upper - self.program.lower
 
-    def at(self, p: np.ndarray, terms: Terms) -> Place:
+    def evaluate(self, p: np.ndarray, scaling: MeritScaling) -> Iterate:
         """Return the place of parameters p (q,), moved into their box."""
-        return self.place(self.program.at(np.clip(p, self.program.lower, self.program.upper)), terms)
+        return self.assess(self.program.evaluate(np.clip(p, self.program.lower, self.program.upper)), scaling)
 
-    def place(self, values: Values, terms: Terms) -> Place:
+    def assess(self, evaluation: Evaluation, scaling: MeritScaling) -> Iterate:
         """Return what values are worth."""
-        floors = self.floors(values)
-        return self.counted(Place(values, floors, shortfall(values.rows, floors), value_of(self.aim, values.matrices), np.inf), terms)
+        floors = self.floors(evaluation)
+        return self.rescale(
+            Iterate(
+                evaluation,
+                floors,
+                largest_violation(evaluation.rows, floors),
+                evaluate_objective(self.objective, evaluation.matrices),
+                np.inf,
+            ),
+            scaling,
+        )
 
-    def counted(self, place: Place, terms: Terms) -> Place:
+    def rescale(self, iterate: Iterate, scaling: MeritScaling) -> Iterate:
         """Return a place counted in other terms."""
-        merit = (place.values.price - place.aim) / terms.unit + terms.penalty * place.violation
-        return replace(place, merit=float(merit) if np.isfinite(merit) else np.inf)
+        merit = (iterate.evaluation.price - iterate.objective_value) / scaling.unit + scaling.penalty * iterate.violation
+        return replace(iterate, merit=float(merit) if np.isfinite(merit) else np.inf)
 
-    def floors(self, values: Values) -> np.ndarray:
+    def floors(self, evaluation: Evaluation) -> np.ndarray:
         """Matrices (f, n, n) that must be >= I."""
-        return self._joined(values.floors, values.matrices)
+        return self._stack_floors(evaluation.floors, evaluation.matrices)
 
-    def floor_slopes(self, slopes: Slopes) -> np.ndarray:
+    def floor_derivatives(self, derivatives: Derivatives) -> np.ndarray:
         """Their derivatives (f, q, n, n)."""
-        return self._joined(slopes.floors, slopes.matrices)
+        return self._stack_floors(derivatives.floors, derivatives.matrices)
 
-    def _joined(self, floors: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    def _stack_floors(self, floors: np.ndarray, matrices: np.ndarray) -> np.ndarray:
         floor = self.program.problem.floor
         scaled = floors if floor is None else floors / floor.value
-        return np.concatenate([scaled, matrices / self.least]) if self.least else scaled
+        return np.concatenate([scaled, matrices / self.eigenvalue_floor]) if self.eigenvalue_floor else scaled
 
 
-def shortfall(rows: np.ndarray, floors: np.ndarray) -> float:
+def largest_violation(rows: np.ndarray, floors: np.ndarray) -> float:
     """Return by how much the worst of the rows (r,) falls short of 0, and of the floors (f, n, n) of 1."""
     lowest = 1 - float(np.linalg.eigvalsh(floors)[:, 0].min()) if len(floors) else 0.0
     return max(0.0, -float(rows.min(initial=0.0)), lowest)

@@ -10,34 +10,44 @@ from time import perf_counter
 import numpy as np
 
 from obsdesign.design.nlp.abstract import AbstractProgram
-from obsdesign.design.nlp.evaluation import Multipliers, Slopes, Values
-from obsdesign.design.sqp.local_model import FEASIBLE, Local, Solved, corrected, local_at, priced, sharpened, slack_if_lighter, solved
-from obsdesign.design.sqp.matrix_objective import AbstractAim, weights_of
-from obsdesign.design.sqp.merit import Place, Scene, Terms
+from obsdesign.design.nlp.evaluation import Derivatives, Evaluation, Multipliers
+from obsdesign.design.sqp.local_model import (
+    FEASIBILITY_TOLERANCE,
+    LocalModel,
+    ModelSolution,
+    active_set_step,
+    build_model,
+    multipliers_of,
+    second_order_correction,
+    slack_at_weight,
+    solve_model,
+)
+from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, initial_weights
+from obsdesign.design.sqp.merit import Iterate, MeritFunction, MeritScaling
 from obsdesign.status import Status
 
-ITERATIONS = 150  # work, not seconds, decides when a climb is given up
+MAX_ITERATIONS = 150  # work, not seconds, decides when a climb is given up
 TOLERANCE = 1e-8  # improvement that a model must promise, in units of the merit
-_RADIUS, _LARGEST, _SMALLEST = 0.3, 1.0, 1e-9  # of the trust region, in widths of the box
-_PENALTY, _HIGHEST, _RELAXED = 1.0, 1e6, 6
-_SETTLED, _BROKEN = 1e-6, 1e-6
-_COLLAPSED, _STATIONARY = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
+_INITIAL_RADIUS, _MAX_RADIUS, _MIN_RADIUS = 0.3, 1.0, 1e-9  # of the trust region, in widths of the box
+_INITIAL_PENALTY, _MAX_PENALTY, _MAX_RELAXATIONS = 1.0, 1e6, 6
+_STATIONARITY_TOLERANCE, _VIOLATION_TOLERANCE = 1e-6, 1e-6
+_COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
 
 
 @dataclass(frozen=True, eq=False)
-class Warm:
+class WarmStart:
     """Where a climb may begin beside its parameters: multipliers, penalty and radius of another one."""
 
     multipliers: Multipliers
-    penalty: float = _PENALTY
-    radius: float = _RADIUS
+    penalty: float = _INITIAL_PENALTY
+    radius: float = _INITIAL_RADIUS
 
 
 @dataclass(frozen=True, eq=False)
-class Limits:
+class StoppingCriteria:
     """When a climb ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one."""
 
-    iterations: int = ITERATIONS
+    iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
     deadline: float = float("inf")
 
@@ -54,7 +64,7 @@ class Solution:
     violation: float
     status: Status
     iterations: int
-    warm: Warm
+    warm_start: WarmStart
     slope: Callable[[], float]
 
     @cached_property
@@ -64,230 +74,266 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class _SolverState:
     """Everything that one iteration hands to the next.
 
-    held (q,): parameters on their bounds; relaxed: times the penalty fell; slopes: at the place, None where they are not known yet.
+    at_bound (q,): parameters on their bounds; relaxations: times the penalty fell; slopes: at the place, None where they are not known yet.
     """
 
-    place: Place
+    iterate: Iterate
     multipliers: Multipliers
-    terms: Terms
+    scaling: MeritScaling
     radius: float
-    held: np.ndarray
-    relaxed: int = 0
-    slopes: Slopes | None = None
+    at_bound: np.ndarray
+    relaxations: int = 0
+    slopes: Derivatives | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class _Moved:
+class _StepOutcome:
     """What one iteration came to: the state, whether it is a better place, and what its model promised."""
 
-    state: _State
-    better: bool
-    promised: float
-    solved: bool
+    state: _SolverState
+    is_better: bool
+    predicted_reduction: float
+    is_solved: bool
 
 
-def climb(
-    program: AbstractProgram, aim: AbstractAim, p: np.ndarray, warm: Warm | None = None, least: float = 0.0, limits: Limits | None = None
+def solve(
+    program: AbstractProgram,
+    objective: AbstractMatrixObjective,
+    p: np.ndarray,
+    warm_start: WarmStart | None = None,
+    eigenvalue_floor: float = 0.0,
+    stopping: StoppingCriteria | None = None,
 ) -> Solution:
-    """Maximise aim minus price from parameters p (q,); least: keep lambda_min of every judged matrix at or above this.
+    """Maximise aim minus price from parameters p (q,); eigenvalue_floor: keep lambda_min of every judged matrix at or above this.
 
     After the deadline the best point so far is returned as TIME_LIMIT.
     Source: sequential quadratic programming with a trust region and an exact penalty (Fletcher, 1985), its models with matrix
     inequalities where the aim is a smallest eigenvalue (Fares, Noll, Apkarian, 2002).
     """
-    scene, limits = Scene(program, aim, least), Limits() if limits is None else limits
-    state, status, done = _first(scene, p, warm), Status.ITERATION_LIMIT, 0
-    if not np.isfinite(state.place.merit):
-        return _solution(scene, state, Status.NUMERICAL_ERROR, 0)
-    while done < limits.iterations:
-        if perf_counter() >= limits.deadline:
+    merit_function, stopping = MeritFunction(program, objective, eigenvalue_floor), StoppingCriteria() if stopping is None else stopping
+    state, status, iterations = _initial_state(merit_function, p, warm_start), Status.ITERATION_LIMIT, 0
+    if not np.isfinite(state.iterate.merit):
+        return _solution(merit_function, state, Status.NUMERICAL_ERROR, 0)
+    while iterations < stopping.iterations:
+        if perf_counter() >= stopping.deadline:
             status = Status.TIME_LIMIT
             break
-        done += 1
-        moved = _moved(scene, state, limits.tolerance)
-        state = moved.state
-        if not moved.better:
-            if state.place.violation > _BROKEN and state.terms.penalty < _HIGHEST:
-                state = _insisting(scene, state)
+        iterations += 1
+        outcome = _take_step(merit_function, state, stopping.tolerance)
+        state = outcome.state
+        if not outcome.is_better:
+            if state.iterate.violation > _VIOLATION_TOLERANCE and state.scaling.penalty < _MAX_PENALTY:
+                state = _raise_penalty(merit_function, state)
                 continue
-            status = _verdict(scene, moved, limits.tolerance)
+            status = _final_status(merit_function, outcome, stopping.tolerance)
             break
-        state = _recounted(scene, state)
-    return _solution(scene, state, status, done)
+        state = _update_scaling(merit_function, state)
+    return _solution(merit_function, state, status, iterations)
 
 
-def _first(scene: Scene, p: np.ndarray, warm: Warm | None) -> _State:
-    values = scene.program.at(np.clip(p, scene.program.lower, scene.program.upper))
-    terms = Terms(scene.aim.unit(values.matrices), _PENALTY if warm is None else warm.penalty)
-    multipliers = _guessed(scene, values, terms)
-    if warm is not None:
-        multipliers = _adopted(warm.multipliers, multipliers)
-    radius = _RADIUS if warm is None else warm.radius
-    return _State(scene.place(values, terms), multipliers, terms, radius, np.zeros(len(p), dtype=bool))
+def _initial_state(merit_function: MeritFunction, p: np.ndarray, warm_start: WarmStart | None) -> _SolverState:
+    evaluation = merit_function.program.evaluate(np.clip(p, merit_function.program.lower, merit_function.program.upper))
+    scaling = MeritScaling(
+        merit_function.objective.unit(evaluation.matrices), _INITIAL_PENALTY if warm_start is None else warm_start.penalty
+    )
+    multipliers = _initial_multipliers(merit_function, evaluation, scaling)
+    if warm_start is not None:
+        multipliers = _reuse_multipliers(warm_start.multipliers, multipliers)
+    radius = _INITIAL_RADIUS if warm_start is None else warm_start.radius
+    return _SolverState(merit_function.assess(evaluation, scaling), multipliers, scaling, radius, np.zeros(len(p), dtype=bool))
 
 
-def _guessed(scene: Scene, values: Values, terms: Terms) -> Multipliers:
+def _initial_multipliers(merit_function: MeritFunction, evaluation: Evaluation, scaling: MeritScaling) -> Multipliers:
     """Multipliers before any model was solved: the aim's slope, and nothing for limits."""
-    weights = weights_of(scene.aim, values.matrices) / terms.unit
-    Z = np.nan_to_num(scene.aim.slopes(values.matrices) * weights[:, None, None])
-    return Multipliers(Z, np.zeros_like(values.floors), np.zeros(len(values.rows)), 1 / terms.unit)
+    weights = initial_weights(merit_function.objective, evaluation.matrices) / scaling.unit
+    Z = np.nan_to_num(merit_function.objective.gradients(evaluation.matrices) * weights[:, None, None])
+    return Multipliers(Z, np.zeros_like(evaluation.floors), np.zeros(len(evaluation.rows)), 1 / scaling.unit)
 
 
-def _adopted(other: Multipliers, own: Multipliers) -> Multipliers:
+def _reuse_multipliers(previous: Multipliers, initial: Multipliers) -> Multipliers:
     """Another climb's multipliers, where they are as many."""
-    pairs = ((other.matrices, own.matrices), (other.floors, own.floors), (other.rows, own.rows))
-    matrices, floors, rows = (theirs if theirs.shape == mine.shape else mine for theirs, mine in pairs)
-    return Multipliers(matrices, floors, rows, own.price)
+    pairs = ((previous.matrices, initial.matrices), (previous.floors, initial.floors), (previous.rows, initial.rows))
+    matrices, floors, rows = (reused if reused.shape == fallback.shape else fallback for reused, fallback in pairs)
+    return Multipliers(matrices, floors, rows, initial.price)
 
 
 # ---------------------------------------------------------------- one iteration
 
 
-def _moved(scene: Scene, state: _State, tolerance: float) -> _Moved:
+def _take_step(merit_function: MeritFunction, state: _SolverState, tolerance: float) -> _StepOutcome:
     """Make a model and solve it in ever smaller regions until a step is a gain."""
-    slopes = scene.program.slopes(state.place.values) if state.slopes is None else state.slopes
-    local, state = local_at(scene, state.place, slopes, state.multipliers, state.held, state.terms), replace(state, slopes=slopes)
-    promised, ever = np.inf, False
-    while state.radius > _SMALLEST:
-        found = solved(local, state.terms, state.radius)
-        if found is None:
+    slopes = merit_function.program.derivatives(state.iterate.evaluation) if state.slopes is None else state.slopes
+    model, state = (
+        build_model(merit_function, state.iterate, slopes, state.multipliers, state.at_bound, state.scaling),
+        replace(state, slopes=slopes),
+    )
+    predicted_reduction, is_solved = np.inf, False
+    while state.radius > _MIN_RADIUS:
+        solution = solve_model(model, state.scaling, state.radius)
+        if solution is None:
             state = replace(state, radius=state.radius / 4)
             continue
-        terms, found = _steered(local, found, state.terms, state.radius)
-        place = scene.counted(state.place, terms)
-        state, local = replace(state, place=place, terms=terms, multipliers=priced(local, found, terms)), replace(local, place=place)
-        promised, ever = place.merit - found.promised, True
-        if promised <= tolerance * max(1.0, abs(place.merit)):
-            escaped = _escaped(local, terms, state.radius, tolerance)
-            if escaped is None:
+        scaling, solution = _steer_penalty(model, solution, state.scaling, state.radius)
+        iterate = merit_function.rescale(state.iterate, scaling)
+        state, model = (
+            replace(state, iterate=iterate, scaling=scaling, multipliers=multipliers_of(model, solution, scaling)),
+            replace(model, iterate=iterate),
+        )
+        predicted_reduction, is_solved = iterate.merit - solution.predicted_merit, True
+        if predicted_reduction <= tolerance * max(1.0, abs(iterate.merit)):
+            escape = _escape_saddle(model, scaling, state.radius, tolerance)
+            if escape is None:
                 break
-            return _Moved(replace(state, place=escaped, held=found.step.bounds > _SETTLED, slopes=None), True, promised, True)
-        reached = _best(local, found, terms, state.radius, promised)
-        gained, length = place.merit - reached.merit, float(np.max(np.abs(found.d) / scene.width))
-        if gained > 0.05 * promised:
-            held = found.step.bounds > _SETTLED
-            radius = _next_radius(state.radius, length, gained / promised)
-            return _Moved(replace(state, place=reached, held=held, radius=radius, slopes=None), True, promised, True)
-        state = replace(state, radius=0.35 * min(length, state.radius))
-    return _Moved(state, False, promised, ever)
+            return _StepOutcome(
+                replace(state, iterate=escape, at_bound=solution.qp_solution.bound_multipliers > _STATIONARITY_TOLERANCE, slopes=None),
+                True,
+                predicted_reduction,
+                True,
+            )
+        trial = _best_trial(model, solution, scaling, state.radius, predicted_reduction)
+        actual_reduction, step_length = iterate.merit - trial.merit, float(np.max(np.abs(solution.d) / merit_function.width))
+        if actual_reduction > 0.05 * predicted_reduction:
+            at_bound = solution.qp_solution.bound_multipliers > _STATIONARITY_TOLERANCE
+            radius = _next_radius(state.radius, step_length, actual_reduction / predicted_reduction)
+            return _StepOutcome(
+                replace(state, iterate=trial, at_bound=at_bound, radius=radius, slopes=None), True, predicted_reduction, True
+            )
+        state = replace(state, radius=0.35 * min(step_length, state.radius))
+    return _StepOutcome(state, False, predicted_reduction, is_solved)
 
 
-def _steered(local: Local, found: Solved, terms: Terms, radius: float) -> tuple[Terms, Solved]:
+def _steer_penalty(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float) -> tuple[MeritScaling, ModelSolution]:
     """Raise the penalty where the aim is what keeps the model from being more feasible (Byrd, Nocedal, Waltz, 2008)."""
-    while found.step.e > FEASIBLE / 10 and terms.penalty < _HIGHEST:
-        if slack_if_lighter(local, found, terms, radius, 0.1) > 0.8 * found.step.e:
+    while solution.qp_solution.slack > FEASIBILITY_TOLERANCE / 10 and scaling.penalty < _MAX_PENALTY:
+        if slack_at_weight(model, solution, scaling, radius, 0.1) > 0.8 * solution.qp_solution.slack:
             break
-        raised = replace(terms, penalty=10 * terms.penalty)
-        harder = solved(local, raised, radius)
-        if harder is None:
+        raised_scaling = replace(scaling, penalty=10 * scaling.penalty)
+        raised_solution = solve_model(model, raised_scaling, radius)
+        if raised_solution is None:
             break
-        terms, found = raised, harder
-    return terms, found
+        scaling, solution = raised_scaling, raised_solution
+    return scaling, solution
 
 
-def _best(local: Local, found: Solved, terms: Terms, radius: float, promised: float) -> Place:
+def _best_trial(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float, predicted_reduction: float) -> Iterate:
     """Return the best place of the step, its correction for curved limits, its continuation, and Newton's step near the end."""
-    scene, place = local.scene, local.place
-    p = place.values.p
-    reached = scene.at(p + found.d, terms)
-    if place.merit - reached.merit < 0.25 * promised and np.isfinite(reached.merit):
-        d = corrected(local, found, reached, terms, radius)
-        reached = reached if d is None else min(reached, scene.at(p + d, terms), key=_merit)
+    merit_function, iterate = model.merit_function, model.iterate
+    p = iterate.evaluation.p
+    best = merit_function.evaluate(p + solution.d, scaling)
+    if iterate.merit - best.merit < 0.25 * predicted_reduction and np.isfinite(best.merit):
+        d = second_order_correction(model, solution, best, scaling, radius)
+        best = best if d is None else min(best, merit_function.evaluate(p + d, scaling), key=_merit)
     factor = 2.0
-    while place.merit - reached.merit > 1.3 * promised and factor <= 16:
-        further = scene.at(p + factor * found.d, terms)
-        if not further.merit < reached.merit:
+    while iterate.merit - best.merit > 1.3 * predicted_reduction and factor <= 16:
+        extrapolated = merit_function.evaluate(p + factor * solution.d, scaling)
+        if not extrapolated.merit < best.merit:
             break
-        reached, factor = further, 2 * factor
-    if np.max(np.abs(found.d) / scene.width) < 0.5 * radius and promised < 1e-2 * max(1.0, abs(place.merit)):
-        d = sharpened(local, found, terms, radius)
-        reached = reached if d is None else min(reached, scene.at(p + d, terms), key=_merit)
-    return reached
+        best, factor = extrapolated, 2 * factor
+    if np.max(np.abs(solution.d) / merit_function.width) < 0.5 * radius and predicted_reduction < 1e-2 * max(1.0, abs(iterate.merit)):
+        d = active_set_step(model, solution, scaling, radius)
+        best = best if d is None else min(best, merit_function.evaluate(p + d, scaling), key=_merit)
+    return best
 
 
-def _escaped(local: Local, terms: Terms, radius: float, tolerance: float) -> Place | None:
+def _escape_saddle(model: LocalModel, scaling: MeritScaling, radius: float, tolerance: float) -> Iterate | None:
     """Return a better place along the most negative curvature, where slopes promise nothing: a saddle is no optimum."""
-    if local.downhill is None:
+    if model.negative_curvature is None:
         return None
-    scene, place = local.scene, local.place
+    merit_function, iterate = model.merit_function, model.iterate
     for share in (1.0, 0.25, 0.05):
-        tries = [scene.at(place.values.p + side * share * radius * local.downhill, terms) for side in (1, -1)]
-        best = min(tries, key=_merit)
-        if place.merit - best.merit > 10 * tolerance * max(1.0, abs(place.merit)):
+        trials = [
+            merit_function.evaluate(iterate.evaluation.p + sign * share * radius * model.negative_curvature, scaling) for sign in (1, -1)
+        ]
+        best = min(trials, key=_merit)
+        if iterate.merit - best.merit > 10 * tolerance * max(1.0, abs(iterate.merit)):
             return best
     return None
 
 
-def _merit(place: Place) -> float:
-    return place.merit
+def _merit(iterate: Iterate) -> float:
+    return iterate.merit
 
 
-def _next_radius(radius: float, length: float, share: float) -> float:
-    if share > 0.7 and length > 0.8 * radius:
-        return min(_LARGEST, 2.5 * radius)
-    return 0.5 * length if share < 0.3 else radius
+def _next_radius(radius: float, step_length: float, reduction_ratio: float) -> float:
+    if reduction_ratio > 0.7 and step_length > 0.8 * radius:
+        return min(_MAX_RADIUS, 2.5 * radius)
+    return 0.5 * step_length if reduction_ratio < 0.3 else radius
 
 
-def _insisting(scene: Scene, state: _State) -> _State:
+def _raise_penalty(merit_function: MeritFunction, state: _SolverState) -> _SolverState:
     """Return the state with a higher penalty: where nothing better is near for this one, limits may still be met for another."""
-    terms = replace(state.terms, penalty=10 * state.terms.penalty)
-    return replace(state, place=scene.counted(state.place, terms), terms=terms, radius=max(state.radius, _RADIUS))
+    scaling = replace(state.scaling, penalty=10 * state.scaling.penalty)
+    return replace(
+        state, iterate=merit_function.rescale(state.iterate, scaling), scaling=scaling, radius=max(state.radius, _INITIAL_RADIUS)
+    )
 
 
-def _recounted(scene: Scene, state: _State) -> _State:
+def _update_scaling(merit_function: MeritFunction, state: _SolverState) -> _SolverState:
     """Return the state in terms that suit where it is: a lower penalty once all limits hold, a unit near the aim."""
-    terms, relaxed = state.terms, state.relaxed
-    enough = max(_PENALTY, 3 * _slack_price(scene, state.multipliers))
-    if state.place.violation <= FEASIBLE and relaxed < _RELAXED and enough < terms.penalty / 3:
-        terms, relaxed = replace(terms, penalty=enough), relaxed + 1
-    unit = scene.aim.unit(state.place.values.matrices)
-    if not terms.unit / 3 <= unit <= 3 * terms.unit:
-        terms = replace(terms, unit=unit)
-    if terms is state.terms:
+    scaling, relaxations = state.scaling, state.relaxations
+    exact_penalty = max(_INITIAL_PENALTY, 3 * _slack_price(merit_function, state.multipliers))
+    if state.iterate.violation <= FEASIBILITY_TOLERANCE and relaxations < _MAX_RELAXATIONS and exact_penalty < scaling.penalty / 3:
+        scaling, relaxations = replace(scaling, penalty=exact_penalty), relaxations + 1
+    unit = merit_function.objective.unit(state.iterate.evaluation.matrices)
+    if not scaling.unit / 3 <= unit <= 3 * scaling.unit:
+        scaling = replace(scaling, unit=unit)
+    if scaling is state.scaling:
         return state
-    multipliers = state.multipliers.times(state.terms.unit / terms.unit)
-    return replace(state, place=scene.counted(state.place, terms), terms=terms, multipliers=multipliers, relaxed=relaxed)
+    multipliers = state.multipliers.scale(state.scaling.unit / scaling.unit)
+    return replace(
+        state, iterate=merit_function.rescale(state.iterate, scaling), scaling=scaling, multipliers=multipliers, relaxations=relaxations
+    )
 
 
-def _slack_price(scene: Scene, multipliers: Multipliers) -> float:
+def _slack_price(merit_function: MeritFunction, multipliers: Multipliers) -> float:
     """What all limits together would pay for slack: a penalty above it is exact."""
-    floor = scene.program.problem.floor
-    floors = 0.0 if floor is None else floor.value * float(np.trace(multipliers.floors, axis1=1, axis2=2).sum())
-    kept = scene.least * float(np.trace(multipliers.matrices, axis1=1, axis2=2).sum()) if scene.least else 0.0
-    return float(multipliers.rows.sum()) + floors + kept
+    floor = merit_function.program.problem.floor
+    floor_price = 0.0 if floor is None else floor.value * float(np.trace(multipliers.floors, axis1=1, axis2=2).sum())
+    eigenvalue_price = (
+        merit_function.eigenvalue_floor * float(np.trace(multipliers.matrices, axis1=1, axis2=2).sum())
+        if merit_function.eigenvalue_floor
+        else 0.0
+    )
+    return float(multipliers.rows.sum()) + floor_price + eigenvalue_price
 
 
 # ---------------------------------------------------------------- the end
 
 
-def _verdict(scene: Scene, moved: _Moved, tolerance: float) -> Status:
+def _final_status(merit_function: MeritFunction, outcome: _StepOutcome, tolerance: float) -> Status:
     """Say what it means that nothing better is near."""
-    place = moved.state.place
+    iterate = outcome.state.iterate
     # a promise is worth little where the region has shrunk: the slopes must say so too
-    level = moved.state.radius > _COLLAPSED or _residual(scene, moved.state) <= _STATIONARY
-    settled = moved.solved and level and moved.promised <= max(_SETTLED, tolerance) * max(1.0, abs(place.merit))
-    if place.violation > max(_BROKEN, 10 * tolerance):
-        return Status.LOCALLY_INFEASIBLE if settled or moved.state.terms.penalty >= _HIGHEST else Status.NUMERICAL_ERROR
-    return Status.LOCALLY_OPTIMAL if settled else Status.NUMERICAL_ERROR
+    is_trusted = outcome.state.radius > _COLLAPSED_RADIUS or _residual(merit_function, outcome.state) <= _STATIONARY_RESIDUAL
+    is_stationary = (
+        outcome.is_solved
+        and is_trusted
+        and outcome.predicted_reduction <= max(_STATIONARITY_TOLERANCE, tolerance) * max(1.0, abs(iterate.merit))
+    )
+    if iterate.violation > max(_VIOLATION_TOLERANCE, 10 * tolerance):
+        return Status.LOCALLY_INFEASIBLE if is_stationary or outcome.state.scaling.penalty >= _MAX_PENALTY else Status.NUMERICAL_ERROR
+    return Status.LOCALLY_OPTIMAL if is_stationary else Status.NUMERICAL_ERROR
 
 
-def _solution(scene: Scene, state: _State, status: Status, iterations: int) -> Solution:
-    place = state.place
-    warm = Warm(state.multipliers, min(state.terms.penalty, 100.0), max(state.radius, 1e-3))
-    objective = place.aim - place.values.price
-    return Solution(place.values.p, objective, place.violation, status, iterations, warm, partial(_residual, scene, state))
+def _solution(merit_function: MeritFunction, state: _SolverState, status: Status, iterations: int) -> Solution:
+    iterate = state.iterate
+    warm_start = WarmStart(state.multipliers, min(state.scaling.penalty, 100.0), max(state.radius, 1e-3))
+    objective = iterate.objective_value - iterate.evaluation.price
+    return Solution(
+        iterate.evaluation.p, objective, iterate.violation, status, iterations, warm_start, partial(_residual, merit_function, state)
+    )
 
 
-def _residual(scene: Scene, state: _State) -> float:
-    if not np.isfinite(state.place.merit):
+def _residual(merit_function: MeritFunction, state: _SolverState) -> float:
+    if not np.isfinite(state.iterate.merit):
         return float("nan")
-    values, multipliers, program = state.place.values, state.multipliers, scene.program
-    slopes = program.slopes(values) if state.slopes is None else state.slopes
-    g = multipliers.price * slopes.price - np.einsum("bij,bqij->q", multipliers.matrices, slopes.matrices)
-    g -= np.einsum("bij,bqij->q", multipliers.floors, slopes.floors) + multipliers.rows @ slopes.rows
-    width = scene.width
-    moved = np.clip(values.p / width - g * width, program.lower / width, program.upper / width)
-    return float(np.abs(moved - values.p / width).max(initial=0.0))
+    evaluation, multipliers, program = state.iterate.evaluation, state.multipliers, merit_function.program
+    derivatives = program.derivatives(evaluation) if state.slopes is None else state.slopes
+    g = multipliers.price * derivatives.price - np.einsum("bij,bqij->q", multipliers.matrices, derivatives.matrices)
+    g -= np.einsum("bij,bqij->q", multipliers.floors, derivatives.floors) + multipliers.rows @ derivatives.rows
+    width = merit_function.width
+    projected = np.clip(evaluation.p / width - g * width, program.lower / width, program.upper / width)
+    return float(np.abs(projected - evaluation.p / width).max(initial=0.0))

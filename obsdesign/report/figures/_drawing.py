@@ -16,7 +16,7 @@ from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 
 WIDTH = 4.8  # inches: 10 pt text stays 10 px on a phone that is 400 px wide
 BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"  # Okabe and Ito
-_LONG = 28  # letters of a label beside which there is no room for another
+_LONG_LABEL = 28  # letters of a label beside which there is no room for another
 INK, QUIET, FAINT = "#222222", "#767676", "#d4d4d4"
 
 # colour of each path, the same in every figure
@@ -50,7 +50,7 @@ _STYLE: dict[Any, Any] = {
     "savefig.facecolor": "none",
     "hatch.linewidth": 0.6,
 }
-_TURN = RLock()  # Matplotlib's style belongs to the process
+_STYLE_LOCK = RLock()  # Matplotlib's style belongs to the process
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
@@ -59,7 +59,7 @@ def inline_svg(name: str, description: str, height: float, paint: Callable[[Figu
 
     name: prefix of all ids, unique on the page; description: what a screen reader says; height, width [inches].
     """
-    with _TURN, mpl.rc_context():
+    with _STYLE_LOCK, mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_STYLE)
         figure = Figure(figsize=(width, height), layout="constrained")
@@ -67,12 +67,12 @@ def inline_svg(name: str, description: str, height: float, paint: Callable[[Figu
         figure.draw_without_rendering()  # equal axes choose their limits when drawn: room for the labels of those
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
-    return _embedded(buffer.getvalue(), name, description)
+    return _svg_element(buffer.getvalue(), name, description)
 
 
 def path_colour(name: str, names: tuple[str, ...]) -> str:
     """Return the colour of a path among all paths of a study."""
-    others = [other for other in names if other not in PATH_COLOURS]
+    others = [candidate for candidate in names if candidate not in PATH_COLOURS]
     return PATH_COLOURS[name] if name in PATH_COLOURS else OTHER_PATHS[others.index(name) % len(OTHER_PATHS)]
 
 
@@ -85,10 +85,10 @@ def light_grid(axes: Axes, which: str = "both") -> None:
 def legend_below(figure: Figure, axes: Axes, columns: int = 2) -> None:
     """Put the legend of `axes` below everything, where it covers nothing."""
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=1 if max(map(len, labels), default=0) > _LONG else columns)
+    figure.legend(handles, labels, loc="outside lower center", ncols=1 if max(map(len, labels), default=0) > _LONG_LABEL else columns)
 
 
-def _embedded(document: str, name: str, description: str) -> str:
+def _svg_element(document: str, name: str, description: str) -> str:
     """Return the <svg> element alone: no prologue, no namespaces (HTML implies them), ids of its own, no fixed size."""
     svg = document[document.index("<svg") :].strip()
     head, body = svg.split(">", 1)
@@ -99,13 +99,13 @@ def _embedded(document: str, name: str, description: str) -> str:
     body = re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', body)
     body = body.replace("url(#", f"url(#{name}-")
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
-    body = re.sub(r'\sd="[^"]*"', lambda found: _shortened(found[0]), body)
+    body = re.sub(r'\sd="[^"]*"', lambda match: _round_coordinates(match[0]), body)
     return f'<svg {view[0]} role="img" aria-label="{_attribute(description)}">{body}'
 
 
-def _shortened(outline: str) -> str:
+def _round_coordinates(outline: str) -> str:
     """Return the points of an outline to a hundredth of a point."""
-    return re.sub(r"-?\d+\.\d{3,}", lambda found: f"{float(found[0]):.2f}", outline)
+    return re.sub(r"-?\d+\.\d{3,}", lambda match: f"{float(match[0]):.2f}", outline)
 
 
 def _attribute(text: str) -> str:

@@ -26,7 +26,7 @@ from obsdesign.report.figures._drawing import BLUE, GREEN, INK, PURPLE, QUIET, V
 from obsdesign.report.number_format import NARROW, plain
 from obsdesign.signals import Point
 
-_LOOKS = {
+_STYLES = {
     "goal": {"facecolor": "#009E7330", "edgecolor": GREEN},
     "keep out": {"facecolor": "#D55E0030", "edgecolor": VERMILLION, "hatch": "///"},
     "keep in": {"facecolor": "none", "edgecolor": BLUE, "linestyle": "-."},
@@ -40,7 +40,7 @@ _LOOKS = {
 
 @dataclass(frozen=True)
 class Shape:
-    """A disc (centre, radius) or a polygon (corners) of a kind; wide: so large that the map need not show all of it."""
+    """A disc (centre, radius) or a polygon (corners) of a kind; is_wide: so large that the map need not show all of it."""
 
     kind: str
     label: str
@@ -48,7 +48,7 @@ class Shape:
     radius: float = 0.0
     corners: tuple[Point, ...] = ()
     heading: float | None = None
-    wide: bool = False
+    is_wide: bool = False
 
     @property
     def points(self) -> np.ndarray:
@@ -64,19 +64,19 @@ class Shape:
 
     def patch(self, label: str) -> Patch:
         """Return what is drawn."""
-        look = {"label": label, "zorder": 1, **_LOOKS[self.kind]}
+        look = {"label": label, "zorder": 1, **_STYLES[self.kind]}
         return Polygon(np.array(self.corners), closed=True, **look) if self.corners else Circle(self.centre, self.radius, **look)
 
 
 def shapes(constraints: Sequence[AbstractConstraint], landmarks: Sequence[Point]) -> list[Shape]:
     """Return every shape that constraints draw on a map."""
-    return [shape for constraint in constraints for shape in _shapes(constraint, landmarks)]
+    return [shape for constraint in constraints for shape in _constraint_shapes(constraint, landmarks)]
 
 
-def draw_shapes(axes: Axes, found: Sequence[Shape]) -> None:
+def draw_shapes(axes: Axes, map_shapes: Sequence[Shape]) -> None:
     """Draw shapes, one entry in the legend for each kind and size."""
     drawn: set[str] = set()
-    for shape in found:
+    for shape in map_shapes:
         axes.add_patch(shape.patch("_" if shape.label in drawn else shape.label))
         drawn.add(shape.label)
         if shape.heading is not None:
@@ -91,12 +91,12 @@ def draw_landmarks(axes: Axes, landmarks: Sequence[Point]) -> None:
         axes.plot(*np.array(landmarks).T, linestyle="none", marker="^", markersize=8, color=INK, label="beacon", zorder=4)
 
 
-def _shapes(constraint: AbstractConstraint, landmarks: Sequence[Point]) -> list[Shape]:  # noqa: PLR0911  # one for each kind
+def _constraint_shapes(constraint: AbstractConstraint, landmarks: Sequence[Point]) -> list[Shape]:  # noqa: PLR0911  # one for each kind
     match constraint:
         case Goal(point=point, tolerance=radius):
             return [_disc("goal", point, radius)]
         case GoalPose(point=point, tolerance=radius, heading=heading):
-            return [Shape("goal", _sized("goal, arriving as the arrow", radius), point, radius, heading=heading)]
+            return [Shape("goal", _label_with_radius("goal, arriving as the arrow", radius), point, radius, heading=heading)]
         case GoalRegion(corners=corners):
             return [Shape("goal", "goal", corners=corners)]
         case KeepOut(centre=centre, radius=radius):
@@ -112,17 +112,20 @@ def _shapes(constraint: AbstractConstraint, landmarks: Sequence[Point]) -> list[
         case StandOff(distance=distance, landmarks=points):
             return [_disc("stand-off", point, distance) for point in points or landmarks]
         case MaxRange(distance=distance, landmarks=points):
-            return [Shape("range limit", _sized("range limit", distance), point, distance, wide=True) for point in points or landmarks]
+            return [
+                Shape("range limit", _label_with_radius("range limit", distance), point, distance, is_wide=True)
+                for point in points or landmarks
+            ]
         case CircleClearance(landmarks=points):
             centre, radius = circle_through(points or landmarks)
-            return [Shape("the beacons' circle", "the beacons' circle", centre, radius, wide=True)]
+            return [Shape("the beacons' circle", "the beacons' circle", centre, radius, is_wide=True)]
         case _:
             return []
 
 
 def _disc(kind: str, centre: Point, radius: float) -> Shape:
-    return Shape(kind, _sized(kind, radius), centre, radius)
+    return Shape(kind, _label_with_radius(kind, radius), centre, radius)
 
 
-def _sized(kind: str, radius: float) -> str:
+def _label_with_radius(kind: str, radius: float) -> str:
     return f"{kind}, {plain(radius)}{NARROW}m"

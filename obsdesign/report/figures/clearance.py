@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from obsdesign.constraints.circle_clearance import CircleClearance
-from obsdesign.design.nlp.node_functions import nodes_of
+from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
 from obsdesign.scenario.schema import DESIGNED
 from obsdesign.study.record import Study
@@ -32,19 +32,19 @@ def clearance_figure(study: Study) -> str:
 def clearances(study: Study, name: str) -> list[np.ndarray]:
     """Return sqrt(f^2 + (T df/dt)^2) (1, N) [m] along a path at the beginning of every step, for every such constraint."""
     path, limits = study.candidate(name).path, _limits(study)
-    margins = nodes_of(study.problem.system.model, limits).values(path.x[:-1], path.u)
+    margins = node_functions_of(study.problem.system.model, limits).values(path.x[:-1], path.u)
     return [_distance(limit, margins[:, [i]].T) for i, limit in enumerate(limits)]
 
 
 def _limits(study: Study) -> tuple[CircleClearance, ...]:
-    return tuple(each for each in study.scenario.design.constraints if isinstance(each, CircleClearance))
+    return tuple(constraint for constraint in study.scenario.design.constraints if isinstance(constraint, CircleClearance))
 
 
 def _distance(limit: CircleClearance, margin: np.ndarray) -> np.ndarray:
     """Undo the constraint's margin (s - clearance) / clearance, s being rounded within 0.001 clearance of 0."""
     soft = (1e-3 * limit.clearance) ** 2
-    rounded = margin * limit.clearance + np.sqrt(limit.clearance**2 + soft)
-    return np.sqrt(np.maximum(rounded**2 - soft, 0.0))
+    smoothed_distance = margin * limit.clearance + np.sqrt(limit.clearance**2 + soft)
+    return np.sqrt(np.maximum(smoothed_distance**2 - soft, 0.0))
 
 
 def _draw(study: Study, axes: Axes, which: int) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.derived_quantities import mark, settled_after
+from obsdesign.report.derived_quantities import drawing_suffix, settling_time
 from obsdesign.report.figures._drawing import FAINT, INK, inline_svg, legend_below, light_grid
 from obsdesign.report.figures.errors import case_colour, is_ours, number_axis
 from obsdesign.study.record import Study
@@ -20,7 +20,7 @@ def consistency_figure(study: Study) -> str:
         _draw_nees(study, axes)
         legend_below(figure, axes)
 
-    return inline_svg(f"consistency{mark(study)}", "Run-averaged NEES over time with its 95 % band", 3.7, paint)
+    return inline_svg(f"consistency{drawing_suffix(study)}", "Run-averaged NEES over time with its 95 % band", 3.7, paint)
 
 
 def _draw_nees(study: Study, axes: Axes) -> None:
@@ -33,7 +33,7 @@ def _draw_nees(study: Study, axes: Axes) -> None:
             check.validation.t, check.validation.nees, color=case_colour(study, check), label=f"{check.path}, {check.schedule}", **look
         )
     axes.axhspan(*first.nees_interval, color=FAINT, alpha=0.7, linewidth=0, label="95 % band", zorder=1)
-    begin = first.t[0] + settled_after(study)
+    begin = first.t[0] + settling_time(study)
     axes.axvline(begin, color=INK, linestyle=":", linewidth=1.2)
     every = np.concatenate([check.validation.nees for check in study.checks])
     low, high = min(every.min(), first.nees_interval[0]) / 1.15, max(every.max(), first.nees_interval[1]) * 1.3

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.derived_quantities import cleaned, sensors_in_words
+from obsdesign.report.derived_quantities import clean_eigenvalues, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg
 from obsdesign.scenario.schema import DESIGNED
 from obsdesign.study.record import Study
 
-_SHOWN = 0.1  # a component smaller than this is left to its colour
+_MIN_COMPONENT = 0.1  # a component smaller than this is left to its colour
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Panel:
 def eigenvectors_figure(study: Study) -> str:
     """Draw the eigenvectors of S W S for the baseline and the designed path, one row per suite of sensors."""
     panels = [
-        Panel(f"{name}, {sensors_in_words(study, quality.sensors)}", cleaned(quality), quality.vectors)
+        Panel(f"{name}, {sensors_in_words(study, quality.sensors)}", clean_eigenvalues(quality), quality.vectors)
         for suite in range(len(study.suites))
         for name in (study.baseline, DESIGNED)
         for quality in (study.candidate(name).qualities[suite],)
@@ -63,7 +63,7 @@ def _draw_panel(axes: Axes, panel: Panel, states: Sequence[str]) -> None:
     axes.pcolormesh(vectors, cmap="PuOr_r", vmin=-1.3, vmax=1.3, edgecolors="white", linewidth=1)
     axes.invert_yaxis()
     for (i, j), component in np.ndenumerate(vectors):
-        if abs(component) >= _SHOWN:
+        if abs(component) >= _MIN_COMPONENT:
             axes.text(
                 j + 0.5, i + 0.5, f"{component:.1f}".replace("-", "\N{MINUS SIGN}"), ha="center", va="center", fontsize=7.5, color=INK
             )

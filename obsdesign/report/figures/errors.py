@@ -9,11 +9,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from obsdesign.report.derived_quantities import CHOSEN, mark, states_of
+from obsdesign.report.derived_quantities import CHOSEN, drawing_suffix, states_of
 from obsdesign.report.figures._drawing import BLUE, INK, ORANGE, SKY, VERMILLION, inline_svg, light_grid
-from obsdesign.report.number_format import label, readable
+from obsdesign.report.number_format import display_unit, signal_label
 from obsdesign.signals import Signal
-from obsdesign.study.record import Check, Study
+from obsdesign.study.record import FilterCheck, Study
 
 _DASHED = (0, (3, 2))
 
@@ -38,16 +38,16 @@ def errors_figure(study: Study) -> str:
             panels[-1].legend(handles=_keys(study), loc="upper left", borderaxespad=0.0)
 
     description = "Root mean square error of every state over time with its Cramér-Rao bound"
-    return inline_svg(f"errors{mark(study)}", description, 0.5 + 1.6 * rows + 0.9 * full, paint)
+    return inline_svg(f"errors{drawing_suffix(study)}", description, 0.5 + 1.6 * rows + 0.9 * full, paint)
 
 
-def case_colour(study: Study, check: Check) -> str:
+def case_colour(study: Study, check: FilterCheck) -> str:
     """Return the colour of a case: blue for the path of the study, red for the baseline, dark for the chosen schedule."""
     colours = {(True, True): BLUE, (True, False): SKY, (False, True): VERMILLION, (False, False): ORANGE}
     return colours[check.path == study.about, check.schedule == CHOSEN] if study.designs or is_ours(study, check) else VERMILLION
 
 
-def is_ours(study: Study, check: Check) -> bool:
+def is_ours(study: Study, check: FilterCheck) -> bool:
     """Whether a case is the path that the study is about with the chosen schedule."""
     return (check.path, check.schedule) == (study.about, CHOSEN)
 
@@ -62,7 +62,7 @@ def _keys(study: Study) -> list[Line2D | Patch]:
 
 
 def _draw_state(study: Study, axes: Axes, which: int, signal: Signal) -> None:
-    factor, _ = readable(signal)
+    factor, _ = display_unit(signal)
     light_grid(axes)
     lowest, highest = np.inf, 0.0
     for check in study.checks:
@@ -75,7 +75,7 @@ def _draw_state(study: Study, axes: Axes, which: int, signal: Signal) -> None:
         lowest, highest = min(lowest, rmse.min(), bound.min()), max(highest, rmse.max(), bound.max())
     axes.set(yscale="log", ylim=(lowest / 1.4, 1.6 * highest), xlim=(study.checks[0].validation.t[[0, -1]]))
     number_axis(axes, (1.0, 2.0, 5.0) if highest / lowest < 80 else (1.0,))
-    axes.set_title(label(signal))
+    axes.set_title(signal_label(signal))
 
 
 def number_axis(axes: Axes, digits: tuple[float, ...]) -> None:

@@ -9,16 +9,16 @@ from matplotlib.figure import Figure
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report.derived_quantities import states_of
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, light_grid
-from obsdesign.report.number_format import label, readable
+from obsdesign.report.number_format import display_unit, signal_label
 from obsdesign.study.record import Study
 
-_ON_THE_MAP = ("x", "y")
+_POSITION_STATES = ("x", "y")
 
 
 def flight_estimates_figure(study: Study) -> str:
     """Draw estimate, 2 sigma and truth of every state but the position over time; "" without a flight or such a state."""
     flight = study.flight
-    shown = [i for i, signal in enumerate(states_of(study)) if signal.name not in _ON_THE_MAP]
+    shown = [i for i, signal in enumerate(states_of(study)) if signal.name not in _POSITION_STATES]
     if flight is None or not shown:
         return ""
 
@@ -35,7 +35,7 @@ def flight_estimates_figure(study: Study) -> str:
 
 def _draw(study: Study, flight: Flight, axes: Axes, which: int) -> None:
     signal = states_of(study)[which]
-    factor, _ = readable(signal)
+    factor, _ = display_unit(signal)
     error = flight.mean[:, which] - flight.truth[:, which]
     if signal.is_angle:  # whole turns do not count, and a turning vehicle's would hide all else
         error, truth = (error + np.pi) % (2 * np.pi) - np.pi, np.zeros(len(error))
@@ -53,4 +53,4 @@ def _draw(study: Study, flight: Flight, axes: Axes, which: int) -> None:
             axes.plot(flight.t, truth + side * wide, color=VERMILLION, linewidth=0.8, linestyle=":", label=text, zorder=2)
     low, high = (mean - reach)[1:].min(), (mean + reach)[1:].max()
     axes.set(xlim=(flight.t[0], flight.t[-1]), ylim=(low - 0.05 * (high - low), high + 0.05 * (high - low)))
-    axes.set_title(f"error of {label(signal)}" if signal.is_angle else label(signal))
+    axes.set_title(f"error of {signal_label(signal)}" if signal.is_angle else signal_label(signal))

@@ -11,7 +11,7 @@ from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDT
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.study.record import Study
 
-_WIDER = 1.4  # how much larger the map may become for a beacon
+_MAX_ENLARGEMENT = 1.4  # how much larger the map may become for a beacon
 
 
 def flight_map_figure(study: Study) -> str:
@@ -37,38 +37,42 @@ def flight_map_figure(study: Study) -> str:
     return inline_svg("flight-map", "Map of the flight: true path, estimate and instants of planning", height, paint)
 
 
-def planned_at(study: Study, flight: Flight) -> np.ndarray:
+def planning_steps(study: Study, flight: Flight) -> np.ndarray:
     """Steps at which a plan was made."""
-    every = 1 if study.scenario.flight is None else round(study.scenario.flight.every / study.scenario.time.step)
-    return np.arange(0, len(flight.u), every)
+    interval = 1 if study.scenario.flight is None else round(study.scenario.flight.every / study.scenario.time.step)
+    return np.arange(0, len(flight.u), interval)
 
 
 def _shapes(study: Study) -> list[Shape]:
     return shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
 
 
-def _place(study: Study, states: np.ndarray) -> np.ndarray:
+def _positions(study: Study, states: np.ndarray) -> np.ndarray:
     return states[:, list(study.problem.position)]
 
 
 def _extent(study: Study, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
-    points = [_place(study, flight.truth), _place(study, flight.mean), *(shape.points for shape in _shapes(study) if not shape.wide)]
+    points = [
+        _positions(study, flight.truth),
+        _positions(study, flight.mean),
+        *(shape.points for shape in _shapes(study) if not shape.is_wide),
+    ]
     low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
     for point in study.scenario.system.model.landmarks:
         lower, higher = np.minimum(low, point), np.maximum(high, point)
-        if np.max(higher - lower) <= _WIDER * np.max(high - low):
+        if np.max(higher - lower) <= _MAX_ENLARGEMENT * np.max(high - low):
             low, high = lower, higher
     margin = 0.06 * float(np.max(high - low))
     return low - margin, high + margin
 
 
 def _draw_paths(study: Study, flight: Flight, axes: Axes) -> None:
-    truth, nodes = _place(study, flight.truth), planned_at(study, flight)
-    axes.plot(*_place(study, study.main.path.x).T, color=QUIET, linewidth=1.1, linestyle="--", label="designed beforehand", zorder=2)
+    truth, nodes = _positions(study, flight.truth), planning_steps(study, flight)
+    axes.plot(*_positions(study, study.main.path.x).T, color=QUIET, linewidth=1.1, linestyle="--", label="designed beforehand", zorder=2)
     if flight.straight is not None:
-        axes.plot(*_place(study, flight.straight.truth).T, color=VERMILLION, linewidth=1.1, label="inputs mid-range", zorder=2)
+        axes.plot(*_positions(study, flight.straight.truth).T, color=VERMILLION, linewidth=1.1, label="inputs mid-range", zorder=2)
     axes.plot(*truth.T, color=BLUE, linewidth=2.4, label="true path", zorder=3)
-    axes.plot(*_place(study, flight.mean).T, color=INK, linewidth=0.9, linestyle=":", label="filter's estimate", zorder=4)
+    axes.plot(*_positions(study, flight.mean).T, color=INK, linewidth=0.9, linestyle=":", label="filter's estimate", zorder=4)
     look = {"linestyle": "none", "marker": "o", "markersize": 3.5, "color": BLUE, "markerfacecolor": "white"}
     axes.plot(*truth[nodes].T, label="planned anew", zorder=5, **look)
     axes.plot(*truth[0], linestyle="none", marker="o", markersize=7, markerfacecolor="white", markeredgecolor=INK, label="start", zorder=6)

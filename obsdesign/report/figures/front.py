@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from obsdesign.report.derived_quantities import mark
+from obsdesign.report.derived_quantities import drawing_suffix
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, legend_below, light_grid
 from obsdesign.report.names import schedule_criterion
 from obsdesign.rules.energy_budget import EnergyBudget
@@ -32,7 +32,7 @@ def front_figure(study: Study) -> str:
         order = np.argsort(front.spent)
         look = {"drawstyle": "steps-post", "marker": "o", "markersize": 5, "color": BLUE, "linewidth": 1, "label": "best schedule found"}
         axes.plot(front.spent[order], front.values[order], **look)
-        spent, limit = _spent(study)
+        spent, limit = _spending(study)
         ring = {"linestyle": "none", "marker": "o", "markersize": 10, "markerfacecolor": "none", "markeredgewidth": 1.6}
         axes.plot(spent, study.selection.schedule.value, color=VERMILLION, label="chosen", **ring)
         axes.axvline(limit, color=VERMILLION, linestyle=":", linewidth=1.2, label="limit of the scenario")
@@ -43,10 +43,10 @@ def front_figure(study: Study) -> str:
         axes.yaxis.set_major_locator(MaxNLocator(6))
         legend_below(figure, axes)
 
-    return inline_svg(f"front{mark(study)}", "Information against what is spent, with what no schedule exceeds", 3.6, paint)
+    return inline_svg(f"front{drawing_suffix(study)}", "Information against what is spent, with what no schedule exceeds", 3.6, paint)
 
 
-def _spent(study: Study) -> tuple[float, float]:
+def _spending(study: Study) -> tuple[float, float]:
     """What the chosen schedule spends, and what it may spend."""
     budget = next(rule for rule in study.scenario.selection.rules if isinstance(rule, EnergyBudget))
     resource = budget.terms(segments_of(study.scenario, study.main.path, study.main.nodes)).resource

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
-from obsdesign.report.number_format import label, readable
+from obsdesign.report.number_format import display_unit, signal_label
 from obsdesign.scenario.schema import STRAIGHT
 from obsdesign.study.record import Study
 
@@ -28,7 +28,7 @@ def inputs_figure(study: Study) -> str:
 
 def _draw_input(study: Study, axes: Axes, which: int) -> None:
     signal = study.scenario.system.model.inputs[which]
-    factor, _ = readable(signal)
+    factor, _ = display_unit(signal)
     names = tuple(candidate.name for candidate in study.candidates)
     light_grid(axes)
     axes.margins(y=0.08)
@@ -41,4 +41,4 @@ def _draw_input(study: Study, axes: Axes, which: int) -> None:
         colour = path_colour(candidate.name, names)
         look = {"linewidth": 2.0 if wide else 1.1, "zorder": 3 if wide else 2, "color": colour, "label": candidate.name}
         axes.stairs(path.u[:, which] * factor, path.t, baseline=None, **look)
-    axes.set(ylabel=label(signal).replace("_", " "), xlim=(study.candidates[0].path.t[0], study.candidates[0].path.t[-1]))
+    axes.set(ylabel=signal_label(signal).replace("_", " "), xlim=(study.candidates[0].path.t[0], study.candidates[0].path.t[-1]))

@@ -21,8 +21,8 @@ def joint_map_figure(study: Study) -> str:
     if joint is None or joint.design.trajectory is None or not {"x", "y"} <= set(study.scenario.state_names):
         return ""
     tracks = _tracks(study, joint)
-    found = shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
-    points = np.vstack([*tracks.values(), *(shape.points for shape in found if not shape.wide)])
+    map_shapes = shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
+    points = np.vstack([*tracks.values(), *(shape.points for shape in map_shapes if not shape.is_wide)])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.06 * float(np.max(high - low))
     low, high = low - margin, high + margin
@@ -31,7 +31,7 @@ def joint_map_figure(study: Study) -> str:
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         light_grid(axes)
-        draw_shapes(axes, found)
+        draw_shapes(axes, map_shapes)
         draw_landmarks(axes, [point for point in study.scenario.system.model.landmarks if np.all((low <= point) & (point <= high))])
         _draw(study, joint, tracks, axes)
         axes.set(xlabel="x [m]", ylabel="y [m]")
@@ -44,9 +44,9 @@ def joint_map_figure(study: Study) -> str:
 
 
 def _tracks(study: Study, joint: Joint) -> dict[str, np.ndarray]:
-    place = list(study.problem.position)
-    found = {name: design.trajectory for name, (design, _, _) in answers(joint).items()}
-    return {name: path.x[:, place] for name, path in found.items() if path is not None}
+    columns = list(study.problem.position)
+    trajectories = {name: design.trajectory for name, (design, _, _) in answers(joint).items()}
+    return {name: path.x[:, columns] for name, path in trajectories.items() if path is not None}
 
 
 def _draw(study: Study, joint: Joint, tracks: dict[str, np.ndarray], axes: Axes) -> None:
@@ -58,8 +58,8 @@ def _draw(study: Study, joint: Joint, tracks: dict[str, np.ndarray], axes: Axes)
     drawn: dict[str, str] = {}
     for k, on in enumerate(chosen):
         label = " + ".join(name for name, is_on in zip(names, on, strict=True) if is_on) or "nothing on"
-        fresh = label not in drawn
+        is_new = label not in drawn
         colour = drawn.setdefault(label, _SENSORS[len(drawn) % len(_SENSORS)])
         part = track[nodes[k] : nodes[k + 1] + 1]
-        axes.plot(*part.T, color=colour, linewidth=2.8, label=label if fresh else None, solid_capstyle="butt", zorder=3)
+        axes.plot(*part.T, color=colour, linewidth=2.8, label=label if is_new else None, solid_capstyle="butt", zorder=3)
     axes.plot(*track[0], linestyle="none", marker="o", markersize=7, markerfacecolor="white", markeredgecolor=INK, label="start", zorder=6)

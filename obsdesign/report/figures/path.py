@@ -11,17 +11,17 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from obsdesign.report.derived_quantities import mark, position_covariances, segment_shares
+from obsdesign.report.derived_quantities import drawing_suffix, position_covariances, segment_shares
 from obsdesign.report.figures._drawing import INK, WIDTH, inline_svg, light_grid
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.report.names import path_in_words
-from obsdesign.report.number_format import NARROW, plain, rounded
+from obsdesign.report.number_format import NARROW, numeral, plain
 from obsdesign.scenario.schema import DESIGNED, SHORTEST, WEAVE
 from obsdesign.study.record import Study
 
 SIGMAS = 2.0  # half axes of the ellipses
 _ELLIPSES = 12  # at most about so many: more hide each other and the path
-_WIDER = 1.4  # how much larger the map may become for a path that would otherwise leave it
+_MAX_ENLARGEMENT = 1.4  # how much larger the map may become for a path that would otherwise leave it
 _DASHES = ("-", "--", ":", "-.")
 
 
@@ -29,7 +29,7 @@ def path_figure(study: Study) -> str:
     """Draw the designed path over the map, coloured by the information of each segment; "" for a vehicle without x and y."""
     if not {"x", "y"} <= set(study.scenario.state_names):
         return ""
-    low, high = _view(study)
+    low, high = _frame(study)
     ratio = (high - low)[1] / (high - low)[0]
     height = float(np.clip((WIDTH - 0.9) * ratio, 1.6, 5.4)) + 2.1
 
@@ -46,7 +46,7 @@ def path_figure(study: Study) -> str:
         _draw_arrows(study, axes, low, high)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
-    return inline_svg(f"path{mark(study)}", f"Map of {path_in_words(study.about)}, others, beacons and limits", height, paint)
+    return inline_svg(f"path{drawing_suffix(study)}", f"Map of {path_in_words(study.about)}, others, beacons and limits", height, paint)
 
 
 def ellipse_factor(study: Study) -> int:
@@ -57,20 +57,24 @@ def ellipse_factor(study: Study) -> int:
     return max([factor for factor in factors if factor * typical <= 0.04 * float(np.max(high - low))], default=1)
 
 
-def leaving(study: Study) -> tuple[str, ...]:
+def paths_beyond_frame(study: Study) -> tuple[str, ...]:
     """Names of the paths that go on beyond the frame."""
-    low, high = _view(study)
-    return tuple(each.name for each in study.candidates if np.any((place := _positions(study, each.name)) < low) or np.any(place > high))
+    low, high = _frame(study)
+    return tuple(
+        candidate.name
+        for candidate in study.candidates
+        if np.any((place := _positions(study, candidate.name)) < low) or np.any(place > high)
+    )
 
 
 def _positions(study: Study, name: str) -> np.ndarray:
     return study.candidate(name).path.x[:, list(study.problem.position)]
 
 
-def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
+def _frame(study: Study) -> tuple[np.ndarray, np.ndarray]:
     """Corners (2,) of the frame [m]: what the map is about and the ellipses, with a margin."""
     low, high = _extent(study)
-    place, reach = _positions(study, study.about)[_instants(study)], ellipse_factor(study) * _half_axes(study)[:, None]
+    place, reach = _positions(study, study.about)[_ellipse_steps(study)], ellipse_factor(study) * _half_axes(study)[:, None]
     low, high = np.minimum(low, (place - reach).min(axis=0)), np.maximum(high, (place + reach).max(axis=0))
     margin = 0.05 * float(np.max(high - low))
     return low - margin, high + margin
@@ -79,16 +83,16 @@ def _view(study: Study) -> tuple[np.ndarray, np.ndarray]:
 def _extent(study: Study) -> tuple[np.ndarray, np.ndarray]:
     """Corners (2,) [m] of the designed paths, landmarks and constraints, and of other paths that do not need a much larger map."""
     wanted = (SHORTEST, WEAVE, study.about)
-    needed = [each.name for each in study.candidates if each.name in wanted or each.name.startswith(f"{DESIGNED} for ")]
+    needed = [candidate.name for candidate in study.candidates if candidate.name in wanted or candidate.name.startswith(f"{DESIGNED} for ")]
     points = [_positions(study, name) for name in needed]
-    points += [shape.points for shape in _shapes(study) if not shape.wide]
+    points += [shape.points for shape in _shapes(study) if not shape.is_wide]
     points += [np.array([point]) for point in study.scenario.system.model.landmarks]
     low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)
     size = float(np.max(high - low))
-    for name in (each.name for each in study.candidates if each.name not in needed):
+    for name in (candidate.name for candidate in study.candidates if candidate.name not in needed):
         place = _positions(study, name)
         lower, higher = np.minimum(low, place.min(axis=0)), np.maximum(high, place.max(axis=0))
-        if np.max(higher - lower) <= _WIDER * size:
+        if np.max(higher - lower) <= _MAX_ENLARGEMENT * size:
             low, high = lower, higher
     return low, high
 
@@ -104,9 +108,9 @@ def _draw_map(study: Study, axes: Axes) -> None:
 
 
 def _draw_baselines(study: Study, axes: Axes) -> None:
-    names, gone = [candidate.name for candidate in study.candidates if candidate.name != study.about], leaving(study)
+    names, beyond_frame = [candidate.name for candidate in study.candidates if candidate.name != study.about], paths_beyond_frame(study)
     for i, name in enumerate(names):
-        text = f"{name}, leaves the map" if name in gone else name
+        text = f"{name}, leaves the map" if name in beyond_frame else name
         axes.plot(*_positions(study, name).T, color="#999999", linewidth=1.1, linestyle=_DASHES[i % len(_DASHES)], label=text, zorder=2)
 
 
@@ -139,10 +143,10 @@ def _information_colours() -> LinearSegmentedColormap:
 
 def _half_axes(study: Study) -> np.ndarray:
     """Larger half axis [m] of the ellipse at the end of each drawn segment."""
-    return SIGMAS * np.sqrt(np.linalg.eigvalsh(position_covariances(study)[_instants(study)])[:, -1])
+    return SIGMAS * np.sqrt(np.linalg.eigvalsh(position_covariances(study)[_ellipse_steps(study)])[:, -1])
 
 
-def _instants(study: Study) -> np.ndarray:
+def _ellipse_steps(study: Study) -> np.ndarray:
     """Steps at which an ellipse is drawn: ends of segments, about a dozen."""
     ends = study.main.nodes[1:]
     every = -(-len(ends) // _ELLIPSES)
@@ -152,7 +156,7 @@ def _instants(study: Study) -> np.ndarray:
 def _draw_ellipses(study: Study, axes: Axes) -> None:
     factor, place, covariances = ellipse_factor(study), _positions(study, study.about), position_covariances(study)
     text = f"position, {plain(SIGMAS)}σ" + (f", drawn {factor} times" if factor > 1 else "")
-    for count, k in enumerate(_instants(study)):
+    for count, k in enumerate(_ellipse_steps(study)):
         variances, vectors = np.linalg.eigh(covariances[k])
         width, height = 2 * SIGMAS * factor * np.sqrt(variances)
         angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
@@ -171,7 +175,7 @@ def _draw_arrows(study: Study, axes: Axes, low: np.ndarray, high: np.ndarray) ->
         centre = _free_corner(study, low, high)
         half = 0.05 * size * np.array([start["wind_x"], start["wind_y"]]) / speed
         axes.annotate("", xy=tuple(centre + half), xytext=tuple(centre - half), arrowprops={**style, "color": "#0072B2"}, zorder=6)
-        text = f"wind\n{rounded(speed)}{NARROW}m/s"
+        text = f"wind\n{numeral(speed)}{NARROW}m/s"
         axes.annotate(text, xy=tuple(centre - [0, 0.06 * size]), ha="center", va="top", fontsize=9, color="#0072B2", zorder=6)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.derived_quantities import mark, segment_nodes
+from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, inline_svg
 from obsdesign.report.names import gap_in_words, path_in_words, schedule_criterion
-from obsdesign.report.number_format import rounded
+from obsdesign.report.number_format import numeral
 from obsdesign.study.record import Study
 
 
@@ -21,7 +21,10 @@ def raster_figure(study: Study) -> str:
         _draw_raster(study, figure.add_subplot())
 
     return inline_svg(
-        f"raster{mark(study)}", f"Which sensor is on in which segment of {path_in_words(study.about)}", 1.15 + 0.36 * sensors, paint
+        f"raster{drawing_suffix(study)}",
+        f"Which sensor is on in which segment of {path_in_words(study.about)}",
+        1.15 + 0.36 * sensors,
+        paint,
     )
 
 
@@ -37,4 +40,4 @@ def _draw_raster(study: Study, axes: Axes) -> None:
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     name = schedule_criterion(study, tex=True)
-    axes.set_title(f"{name} {rounded(schedule.value)}, bound {rounded(schedule.bound)}, gap {gap_in_words(study)}")
+    axes.set_title(f"{name} {numeral(schedule.value)}, bound {numeral(schedule.bound)}, gap {gap_in_words(study)}")

@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from obsdesign.report.derived_quantities import mark, segment_nodes
+from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
 from obsdesign.report.figures._drawing import INK, QUIET, inline_svg
 from obsdesign.report.names import path_in_words
-from obsdesign.report.sections.schedule import otherwise
+from obsdesign.report.sections.schedule import deviation_costs
 from obsdesign.study.record import Study
 
-_LEAST, _MOST = 1e-2, 1e2  # % of the bound between which colours differ
+_LOWEST_COST, _HIGHEST_COST = 1e-2, 1e2  # % of the bound between which colours differ
 
 
 def regret_figure(study: Study) -> str:
@@ -29,21 +29,21 @@ def regret_figure(study: Study) -> str:
         _draw(study, figure, figure.add_subplot())
 
     description = f"What it costs to switch each sensor otherwise in each segment of {path_in_words(study.about)}"
-    return inline_svg(f"regret{mark(study)}", description, 2.0 + 0.36 * sensors, paint)
+    return inline_svg(f"regret{drawing_suffix(study)}", description, 2.0 + 0.36 * sensors, paint)
 
 
 def _draw(study: Study, figure: Figure, axes: Axes) -> None:
     schedule, names, times = study.selection.schedule, study.scenario.sensor_names, segment_nodes(study)
     absolute = not study.scenario.schedule_criterion.is_relative
-    cost = otherwise(study).T / (1.0 if absolute else abs(schedule.root_bound) / 100)
+    cost = deviation_costs(study).T / (1.0 if absolute else abs(schedule.root_bound) / 100)
     possible = np.isfinite(cost)
     largest = float(cost[possible].max(initial=0.0))
-    high = min(max(largest, 10 * _LEAST), _MOST)
+    high = min(max(largest, 10 * _LOWEST_COST), _HIGHEST_COST)
     rows = np.arange(len(names) + 1) - 0.5
     impossible = np.ma.masked_where(possible, np.ones_like(cost))
     axes.pcolormesh(times, rows, impossible, cmap=ListedColormap(["#e4e4e4"]), edgecolors="white", linewidth=0.8)
-    shown = np.ma.masked_where(~possible, np.clip(np.where(possible, cost, 0.0), _LEAST, high))
-    mesh = axes.pcolormesh(times, rows, shown, cmap="Purples", norm=LogNorm(_LEAST, high), edgecolors="white", linewidth=0.8)
+    shown = np.ma.masked_where(~possible, np.clip(np.where(possible, cost, 0.0), _LOWEST_COST, high))
+    mesh = axes.pcolormesh(times, rows, shown, cmap="Purples", norm=LogNorm(_LOWEST_COST, high), edgecolors="white", linewidth=0.8)
     dot = {"linestyle": "none", "marker": "o", "markersize": 3.5, "color": "white", "markeredgecolor": INK}
     middle = (times[:-1] + times[1:]) / 2
     for s in range(len(names)):

@@ -7,10 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from obsdesign.report.derived_quantities import mark, or_zero
+from obsdesign.report.derived_quantities import drawing_suffix, zero_round_off
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
 from obsdesign.report.names import schedule_criterion
-from obsdesign.report.number_format import NOTHING, rounded
+from obsdesign.report.number_format import NOTHING, numeral
 from obsdesign.study.record import CHOSEN, Study
 
 
@@ -21,14 +21,16 @@ def rivals_figure(study: Study) -> str:
     def paint(figure: Figure) -> None:
         _draw_bars(study, figure.add_subplot(), bars)
 
-    return inline_svg(f"rivals{mark(study)}", "Value of the chosen schedule, the naive ones and the bound", 0.95 + 0.36 * len(bars), paint)
+    return inline_svg(
+        f"rivals{drawing_suffix(study)}", "Value of the chosen schedule, the naive ones and the bound", 0.95 + 0.36 * len(bars), paint
+    )
 
 
 def rival_values(study: Study) -> dict[str, float]:
     """Return the criterion of each schedule, the chosen one first."""
     selection = study.selection
     random, count = selection.random_values, len(selection.random_values)
-    naive = {f"{rival.name}{' *' if rival.breaks else ''}": or_zero(study, rival.value) for rival in selection.rivals}
+    naive = {f"{rival.name}{' *' if rival.breaks else ''}": zero_round_off(study, rival.value) for rival in selection.rivals}
     if not count:
         return {CHOSEN: selection.schedule.value} | naive
     tail = {f"best of {count} random": float(random[-1]), "median random": float(np.median(random))}
@@ -51,10 +53,10 @@ def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:
         colour, side = ("white", "right" if low == 0 else "left") if inside else (INK, "left" if low == 0 else "right")
         shift = -4 * away if inside else 4 * away
         place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side, "va": "center"}
-        text, tip = (rounded(value), value) if np.isfinite(value) else (NOTHING, 0.0)
+        text, tip = (numeral(value), value) if np.isfinite(value) else (NOTHING, 0.0)
         axes.annotate(text, (tip, row), color=colour, fontsize=9, **place)
     axes.set(xlim=(low * 1.02, widest * 1.02), ylim=(len(bars) - 0.4, -0.6), xlabel=f"{schedule_criterion(study, tex=True)} of S W S [–]")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_color(FAINT)
-    axes.set_title(f"no schedule{keeps} lies beyond the dotted line, {rounded(bound)}", loc="right")
+    axes.set_title(f"no schedule{keeps} lies beyond the dotted line, {numeral(bound)}", loc="right")

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from obsdesign.report.derived_quantities import cap_for, cleaned, judged_by_eigenvalue, sensors_in_words
+from obsdesign.report.derived_quantities import cap_for, clean_eigenvalues, sensors_in_words, uses_smallest_eigenvalue
 from obsdesign.report.figures._drawing import INK, inline_svg, light_grid, path_colour
-from obsdesign.report.number_format import rounded
+from obsdesign.report.number_format import numeral
 from obsdesign.study.record import Study
 
 _LETTERS = 56  # that fit side by side below the columns
@@ -32,28 +32,28 @@ def spectrum_figure(study: Study) -> str:
 
 def _draw_suite(study: Study, axes: Axes, suite: int) -> None:
     names = tuple(candidate.name for candidate in study.candidates)
-    everything = np.concatenate([cleaned(quality) for candidate in study.candidates for quality in candidate.qualities])
+    everything = np.concatenate([clean_eigenvalues(quality) for candidate in study.candidates for quality in candidate.qualities])
     lowest = everything[everything > 0].min()
     floor = 10.0 ** (np.floor(np.log10(lowest)) - 1) if (everything == 0).any() else lowest
     light_grid(axes, "y")
-    for place, candidate in enumerate(study.candidates):
-        _draw_spectrum(axes, place, cleaned(candidate.qualities[suite]), floor, path_colour(candidate.name, names))
+    for column, candidate in enumerate(study.candidates):
+        _draw_spectrum(axes, column, clean_eigenvalues(candidate.qualities[suite]), floor, path_colour(candidate.name, names))
     cap = cap_for(study, study.suites[suite])
-    if cap is not None and judged_by_eigenvalue(study):
+    if cap is not None and uses_smallest_eigenvalue(study):
         axes.axhline(cap.value, color=INK, linewidth=1, linestyle=":", zorder=1)
-        axes.text(len(names) - 0.45, cap.value, f"cap\n{rounded(cap.value)}", va="center", ha="left", fontsize=9)
+        axes.text(len(names) - 0.45, cap.value, f"cap\n{numeral(cap.value)}", va="center", ha="left", fontsize=9)
     axes.set(yscale="log", xlim=(-0.6, len(names) - 0.15), ylim=(floor / 30, everything.max() * 5))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_xticks(range(len(names)), [fill(name, _LETTERS // len(names), break_long_words=False) for name in names])
     axes.set_title(sensors_in_words(study, study.suites[suite]), fontweight="bold")
 
 
-def _draw_spectrum(axes: Axes, place: int, values: np.ndarray, floor: float, colour: str) -> None:
+def _draw_spectrum(axes: Axes, column: int, values: np.ndarray, floor: float, colour: str) -> None:
     """One column: the range, each eigenvalue, the smallest one large and with its number."""
     shown = np.maximum(values, floor)
-    axes.plot([place, place], [shown[0], shown[-1]], color=colour, linewidth=1, alpha=0.6)
-    axes.plot(np.full(len(shown) - 1, place), shown[1:], linestyle="none", marker="o", markersize=5, color=colour)
+    axes.plot([column, column], [shown[0], shown[-1]], color=colour, linewidth=1, alpha=0.6)
+    axes.plot(np.full(len(shown) - 1, column), shown[1:], linestyle="none", marker="o", markersize=5, color=colour)
     inside = "white" if values[0] == 0 else colour
-    least = {"marker": "o", "markersize": 8, "color": colour, "markerfacecolor": inside, "markeredgewidth": 1.5}
-    axes.plot(place, shown[0], linestyle="none", **least)
-    axes.annotate(rounded(values[0]), (place, shown[0]), xytext=(0, -7), textcoords="offset points", ha="center", va="top", fontsize=9)
+    marker = {"marker": "o", "markersize": 8, "color": colour, "markerfacecolor": inside, "markeredgewidth": 1.5}
+    axes.plot(column, shown[0], linestyle="none", **marker)
+    axes.annotate(numeral(values[0]), (column, shown[0]), xytext=(0, -7), textcoords="offset points", ha="center", va="top", fontsize=9)

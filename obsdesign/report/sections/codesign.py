@@ -7,7 +7,7 @@ import math
 from obsdesign.design.record import Design
 from obsdesign.joint.result import Joint
 from obsdesign.report.document import JointPart, PairPart
-from obsdesign.report.number_format import percent, plain, rounded
+from obsdesign.report.number_format import numeral, percent, plain
 from obsdesign.report.tables import DASH, Cell, Table
 from obsdesign.report.wording import criterion_name
 from obsdesign.selection.schedule import Schedule
@@ -43,11 +43,11 @@ def joint_part(study: Study, joint: Joint) -> JointPart:
 def _pair(study: Study, design: Design, schedule: Schedule, value: float) -> PairPart:
     path = design.trajectory
     states = {} if path is None else dict(zip(study.scenario.state_names, path.x.T.tolist(), strict=True))
-    flown = {} if path is None else {"t": path.t.tolist(), **states}
-    return PairPart(value=value, chosen=schedule.chosen.astype(int).tolist(), trajectory=flown)
+    histories = {} if path is None else {"t": path.t.tolist(), **states}
+    return PairPart(value=value, chosen=schedule.chosen.astype(int).tolist(), trajectory=histories)
 
 
-def found_together(study: Study, joint: Joint) -> str:
+def codesign_answer(study: Study, joint: Joint) -> str:
     """Answer "Together?": what choosing both at once gains, and how far that is proven."""
     name, value = criterion_name(study), joint.value
     better = max(joint.path_first.value, joint.sensors_first.value)
@@ -55,14 +55,14 @@ def found_together(study: Study, joint: Joint) -> str:
     schedule = joint.schedule
     proof = "proven to be the best" if schedule.status is Status.OPTIMAL else f"within {percent(schedule.gap)} of the best"
     return (
-        f"Designing the path for all sensors and then choosing which are on gives a {name} of {rounded(joint.path_first.value)}; choosing "
-        f"them for the path one takes without thinking and then designing the path for them gives {rounded(joint.sensors_first.value)}. "
-        f"Path and schedule chosen together reach {rounded(value)}{gain}. The schedule is {proof} for this path; the path is the best "
+        f"Designing the path for all sensors and then choosing which are on gives a {name} of {numeral(joint.path_first.value)}; choosing "
+        f"them for the path one takes without thinking and then designing the path for them gives {numeral(joint.sensors_first.value)}. "
+        f"Path and schedule chosen together reach {numeral(value)}{gain}. The schedule is {proof} for this path; the path is the best "
         "found near by, as no method proves more."
     )
 
 
-def on_the_joint_map(study: Study) -> str:
+def joint_map_caption(study: Study) -> str:
     """Caption of the map."""
     return "The path that goes with its schedule, in the colours of the sensors that are on, and the two one-sided answers."
 
@@ -74,7 +74,7 @@ def answers_table(study: Study, joint: Joint) -> Table:
     rows = tuple(
         (
             Cell(name),
-            Cell(rounded(value) if math.isfinite(value) else DASH, "good" if name == TOGETHER else ""),
+            Cell(numeral(value) if math.isfinite(value) else DASH, "good" if name == TOGETHER else ""),
             *(Cell(plain(round(total * float(on), 9))) for on in schedule.chosen.sum(axis=0)),
         )
         for name, (_, schedule, value) in answers(joint).items()

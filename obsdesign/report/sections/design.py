@@ -5,11 +5,11 @@ from __future__ import annotations
 from obsdesign.design.feasibility import price_of
 from obsdesign.design.record import Design
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.number_format import NARROW, joined, percent, plain, rounded
+from obsdesign.report.number_format import NARROW, join, numeral, percent, plain
 from obsdesign.report.wording import criterion_name
 from obsdesign.study.record import Study
 
-_MANY = 4  # optima that are named
+_MAX_NAMED = 4  # optima that are named
 
 
 def design_in_words(study: Study, i: int) -> str:
@@ -28,13 +28,13 @@ def objective_name(study: Study) -> str:
 def _optima(design: Design) -> str:
     """What the starts that were climbed to the end came to; values to five digits, which tell optima apart."""
     refined = [start for start in design.starts if start.refined]
-    found = [f"{rounded(each.value, 5)} ({_starts(len(each.starts))})" for each in design.optima[:_MANY]]
-    more = len(design.optima) - _MANY
-    found += [f"{more} more"] if more > 0 else []
+    values = [f"{numeral(optimum.value, 5)} ({_starts(len(optimum.starts))})" for optimum in design.optima[:_MAX_NAMED]]
+    unnamed = len(design.optima) - _MAX_NAMED
+    values += [f"{unnamed} more"] if unnamed > 0 else []
     few = "one optimum" if len(design.optima) == 1 else f"{len(design.optima)} distinct optima"
     all_of = len(refined) == len(design.starts)
     who = _starts(len(refined)) if all_of else f"{len(refined)} of {_starts(len(design.starts))}, the best in a coarser family,"
-    return f"{who} climbed to {few}: {joined(found)}."
+    return f"{who} climbed to {few}: {join(values)}."
 
 
 def _starts(count: int) -> str:
@@ -52,9 +52,9 @@ def _prices(study: Study, design: Design) -> str:
     if not design.problem.prices or design.trajectory is None:
         return ""
     paid = price_of(design.problem, design.trajectory)
-    costs = joined([f"{rounded(each.per_unit)} for every {_unit(each.cost.unit)}of {each.cost}" for each in design.problem.prices])
+    costs = join([f"{numeral(price.per_unit)} for every {_unit(price.cost.unit)}of {price.cost}" for price in design.problem.prices])
     of = "the draws' value" if design.problem.robust else criterion_name(study)
-    return f"The objective {rounded(design.objective)} is {of} less {rounded(paid)} paid, {costs}."
+    return f"The objective {numeral(design.objective)} is {of} less {numeral(paid)} paid, {costs}."
 
 
 def _unit(unit: str) -> str:
@@ -62,23 +62,23 @@ def _unit(unit: str) -> str:
 
 
 def _robustness(study: Study, design: Design) -> str:
-    found, robust = design.robustness, design.problem.robust
-    if found is None or robust is None:
+    result, robust = design.robustness, design.problem.robust
+    if result is None or robust is None:
         return ""
     by = "worst" if robust.worst else "mean"
     return (
-        f"It is judged by the {by} of {robust.samples} draws of the prior. Over {plain(found.draws)} fresh draws with the same inputs "
-        f"{criterion_name(study)} is {rounded(found.mean)} on average, at least {rounded(found.five_percent)} in 95{NARROW}% of them and "
-        f"{rounded(found.worst)} at worst."
+        f"It is judged by the {by} of {robust.samples} draws of the prior. Over {plain(result.draws)} fresh draws with the same inputs "
+        f"{criterion_name(study)} is {numeral(result.mean)} on average, at least {numeral(result.five_percent)} in 95{NARROW}% of them and "
+        f"{numeral(result.worst)} at worst."
     )
 
 
 def _evidence(study: Study, design: Design) -> str:
-    found = design.evidence
-    if found is None:
+    evidence = design.evidence
+    if evidence is None:
         return ""
     return (
-        f"How much better might another path be? {plain(found.climbs)} climbs along the dual question met no path above "
-        f"{rounded(found.estimate)}: as far as they tell, none has a {criterion_name(study)} that is better by more than "
-        f"{percent(found.remaining / (1 - found.remaining) if found.remaining < 1 else 1.0)}. That is evidence, not proof."
+        f"How much better might another path be? {plain(evidence.climbs)} climbs along the dual question met no path above "
+        f"{numeral(evidence.estimate)}: as far as they tell, none has a {criterion_name(study)} that is better by more than "
+        f"{percent(evidence.remaining / (1 - evidence.remaining) if evidence.remaining < 1 else 1.0)}. That is evidence, not proof."
     )

@@ -8,57 +8,61 @@ import numpy as np
 
 from obsdesign.calculus import wrap_columns
 from obsdesign.constraints.abstract import ALWAYS, AT_END, AbstractConstraint
-from obsdesign.design.feasibility import Shortfall, nodes_within
-from obsdesign.design.nlp.node_functions import nodes_of
+from obsdesign.design.feasibility import Violation, nodes_within
+from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import shortfalls_in_words
-from obsdesign.report.number_format import NARROW, joined, label, plain, readable, rounded, with_unit
+from obsdesign.report.names import violations_in_words
+from obsdesign.report.number_format import NARROW, display_unit, join, numeral, plain, signal_label, with_unit
 from obsdesign.report.tables import Cell, Table
 from obsdesign.scenario.schema import FlightTable
 from obsdesign.study.record import Study
 
-_FAR = 1.0  # margin by which a limit is broken that is not met at all: a whole tolerance or radius
-_BETTER = 0.8  # share of the other flight's standard deviation that counts as better
+_FAR_MARGIN = 1.0  # margin by which a limit is broken that is not met at all: a whole tolerance or radius
+_BETTER_SHARE = 0.8  # share of the other flight's standard deviation that counts as better
 
 
-def broken(study: Study, flight: Flight) -> tuple[Shortfall, ...]:
+def flight_violations(study: Study, flight: Flight) -> tuple[Violation, ...]:
     """Return the limits that the true states broke, worst first; those of certain times where they are the flight's own.
 
     Judged at the instants of the flight alone: between them disturbances move the truth, of which no states are kept.
     """
-    return tuple(sorted((each for each in _lowest(study, flight) if each.margin < 0), key=lambda each: each.margin))
+    return tuple(
+        sorted(
+            (violation for violation in _worst_violations(study, flight) if violation.margin < 0), key=lambda violation: violation.margin
+        )
+    )
 
 
-def least_margin(study: Study, flight: Flight) -> float:
+def smallest_margin(study: Study, flight: Flight) -> float:
     """Return the least margin of these limits, of order 1; inf without any."""
-    return min((each.margin for each in _lowest(study, flight)), default=np.inf)
+    return min((violation.margin for violation in _worst_violations(study, flight)), default=np.inf)
 
 
-def _lowest(study: Study, flight: Flight) -> list[Shortfall]:
+def _worst_violations(study: Study, flight: Flight) -> list[Violation]:
     """Where each limit that counts is nearest to being broken."""
-    limits = tuple(each for each in study.scenario.design.constraints if _counts(study, each))
+    limits = tuple(constraint for constraint in study.scenario.design.constraints if _is_checked(study, constraint))
     if not limits:
         return []
-    functions = nodes_of(study.problem.system.model, limits)
+    functions = node_functions_of(study.problem.system.model, limits)
     values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
-    found = []
+    violations = []
     for i, limit in enumerate(limits):
         lowest, within = values[:, owner == i].min(axis=1), nodes_within(limit, len(flight.u), study.scenario.time.step)
         k = int(within[lowest[within].argmax() if limit.span.anywhere else lowest[within].argmin()])
         size, unit = limit.size
-        found.append(Shortfall(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
-    return found
+        violations.append(Violation(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
+    return violations
 
 
-def _counts(study: Study, limit: AbstractConstraint) -> bool:
-    return limit.span == ALWAYS or ends_with_the_plans(study)
+def _is_checked(study: Study, limit: AbstractConstraint) -> bool:
+    return limit.span == ALWAYS or ends_with_plans(study)
 
 
-def ends_with_the_plans(study: Study) -> bool:
+def ends_with_plans(study: Study) -> bool:
     """Whether the flight ends when its plans do, so that what is asked of their end and of certain times is asked of the flight."""
-    asked = study.scenario.flight
-    return asked is not None and asked.horizon == "shrinking" and asked.duration == study.scenario.time.duration
+    settings = study.scenario.flight
+    return settings is not None and settings.horizon == "shrinking" and settings.duration == study.scenario.time.duration
 
 
 def final_errors(study: Study, flight: Flight) -> np.ndarray:
@@ -67,35 +71,35 @@ def final_errors(study: Study, flight: Flight) -> np.ndarray:
     return np.abs(wrap_columns(flight.mean[-1:] - flight.truth[-1:], is_angle))[0]
 
 
-def in_flight(study: Study, flight: Flight, asked: FlightTable) -> str:
+def flight_answer(study: Study, flight: Flight, settings: FlightTable) -> str:
     """Answer "In flight?": limits, and how well the states are known at the end against inputs in the middle of their ranges."""
-    short, count = broken(study, flight), len(flight.statuses)
-    goal = any(each.span == AT_END for each in study.scenario.design.constraints) and ends_with_the_plans(study)
-    far = any(each.margin < -_FAR for each in short)
-    yes = "No" if far else "Not quite" if short else "Yes"
+    violations, count = flight_violations(study, flight), len(flight.statuses)
+    goal = any(constraint.span == AT_END for constraint in study.scenario.design.constraints) and ends_with_plans(study)
+    is_far = any(violation.margin < -_FAR_MARGIN for violation in violations)
+    yes = "No" if is_far else "Not quite" if violations else "Yes"
     limits = (
-        f"the true path {shortfalls_in_words(short)}"
-        if short
+        f"the true path {violations_in_words(violations)}"
+        if violations
         else f"the true path {'arrives and ' if goal else ''}keeps every limit at the steps, where it is looked at"
     )
-    kept = sum(flight.feasible)
-    every = f"with a new plan every {plain(asked.every)}{NARROW}s, {count} in all, {limits}"
-    return f"{yes}: {every}; {kept} of the plans keep every limit from where the filter believes to be{_gains(study, flight)}."
+    feasible_plans = sum(flight.feasible)
+    every = f"with a new plan every {plain(settings.every)}{NARROW}s, {count} in all, {limits}"
+    return f"{yes}: {every}; {feasible_plans} of the plans keep every limit from where the filter believes to be{_gains(study, flight)}."
 
 
 def _gains(study: Study, flight: Flight) -> str:
     if flight.straight is None:
         return ""
     trio = zip(facts.states_of(study), flight.std[-1], flight.straight.std[-1], strict=True)
-    better = [(signal, ours, theirs) for signal, ours, theirs in trio if ours <= _BETTER * theirs]
+    better = [(signal, ours, theirs) for signal, ours, theirs in trio if ours <= _BETTER_SHARE * theirs]
     if not better:
         return "; at the end nothing is known better than with all inputs in the middle of their ranges"
-    known = joined([f"{signal.name} to {with_unit(ours, signal)}" for signal, ours, _ in better])
-    others = joined([with_unit(theirs, signal) for signal, _, theirs in better])
-    return f"; at the end it knows {known} (1σ), where inputs in the middle of their ranges leave {others}"
+    gains = join([f"{signal.name} to {with_unit(ours, signal)}" for signal, ours, _ in better])
+    others_text = join([with_unit(theirs, signal) for signal, _, theirs in better])
+    return f"; at the end it knows {gains} (1σ), where inputs in the middle of their ranges leave {others_text}"
 
 
-def on_the_flight_map(study: Study) -> str:
+def flight_map_caption(study: Study) -> str:
     """Say what the lines are."""
     return (
         "One flight, its start and disturbances drawn from the scenario's prior and noise. Where it leaves the path that was designed "
@@ -104,7 +108,7 @@ def on_the_flight_map(study: Study) -> str:
     )
 
 
-def on_the_flight_estimates(study: Study) -> str:
+def flight_estimates_caption(study: Study) -> str:
     """Say how the panels are read."""
     return (
         "Good: the dashed truth within the shade, and the shade narrow. Red dots: how wide the shade would be, about the truth, with all "
@@ -115,14 +119,14 @@ def on_the_flight_estimates(study: Study) -> str:
 def errors_table(study: Study, flight: Flight) -> Table:
     """Final errors and standard deviations, flown and with idle inputs."""
     flights = [flight] if flight.straight is None else [flight, flight.straight]
-    columns = [(final_errors(study, each), each.std[-1]) for each in flights]
+    columns = [(final_errors(study, case), case.std[-1]) for case in flights]
     rows = tuple(
-        (Cell(label(signal)), *(Cell(rounded(values[i] * readable(signal)[0])) for pair in columns for values in pair))
+        (Cell(signal_label(signal)), *(Cell(numeral(values[i] * display_unit(signal)[0])) for pair in columns for values in pair))
         for i, signal in enumerate(facts.states_of(study))
     )
     names = ("planned on the way", "inputs mid-range")[: len(flights)]
     n = len(study.scenario.state_names)
-    nees = [f"{name}: {rounded(float(each.nees.mean()))}" for name, each in zip(names, flights, strict=True)]
+    nees = [f"{name}: {numeral(float(case.nees.mean()))}" for name, case in zip(names, flights, strict=True)]
     return Table(
         "What is known at the end of the flight",
         f"Good: small standard deviations (1σ) of the filter, and errors of that size. One flight is one draw: an honest filter's NEES "
@@ -136,13 +140,13 @@ def plans_table(study: Study, flight: Flight) -> Table:
     """How the plans ended."""
     counts = Counter((status.value, age == 0) for status, age in zip(flight.statuses, flight.ages, strict=True))
     rows = tuple(
-        (Cell(status), Cell("the new plan" if fresh else "the plan before"), Cell(plain(count)))
-        for (status, fresh), count in sorted(counts.items(), key=lambda each: -each[1])
+        (Cell(status), Cell("the new plan" if is_new else "the plan before"), Cell(plain(count)))
+        for (status, is_new), count in sorted(counts.items(), key=lambda item: -item[1])
     )
-    kept = sum(flight.feasible)
+    valid = sum(flight.feasible)
     return Table(
         "Plans on the way",
-        f"Good: plans that keep every limit, here {kept} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes "
+        f"Good: plans that keep every limit, here {valid} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes "
         "few iterations: stopping at their limit is usual.",
         ("how the climb ended", "what was flown", "plans [–]"),
         rows,

@@ -9,8 +9,8 @@ import numpy as np
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures.rivals import rival_values
 from obsdesign.report.names import gap_in_words, path_in_words, schedule_criterion
-from obsdesign.report.number_format import NARROW, joined, percent, plain, polished, rounded
-from obsdesign.report.sections.whereabouts import where_in_words, whereabouts
+from obsdesign.report.number_format import NARROW, join, numeral, percent, plain, typeset
+from obsdesign.report.sections.whereabouts import segment_traits, usage_in_words
 from obsdesign.report.tables import DASH, Cell, Table
 from obsdesign.report.wording import schedule_in_words
 from obsdesign.rules.abstract import AbstractRule
@@ -24,51 +24,54 @@ from obsdesign.rules.unavailable import Unavailable
 from obsdesign.rules.unavailable_between import UnavailableBetween
 from obsdesign.rules.unavailable_outside import UnavailableOutside
 from obsdesign.status import Status
-from obsdesign.study.record import Rival, Study
+from obsdesign.study.record import RivalSchedule, Study
 
 _SUPERSCRIPT = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def chosen(study: Study) -> str:
+def schedule_answer(study: Study) -> str:
     """Answer "Which?": when and where each sensor is on, how far that is from the best, what the others reach."""
     schedule, name = study.selection.schedule, schedule_criterion(study)
-    others = joined(
-        [f"{rival.name} reaches {rounded(facts.or_zero(study, rival.value))}{_breaks(study, rival)}" for rival in study.selection.rivals]
+    others = join(
+        [
+            f"{rival.name} reaches {numeral(facts.zero_round_off(study, rival.value))}{_violation_clause(study, rival)}"
+            for rival in study.selection.rivals
+        ]
     )
     words = schedule_in_words(study)
-    return f"{words[:1].upper()}{words[1:]}: {where_in_words(study)}. {name} is {rounded(schedule.value)}, {certified(study)}; {others}."
+    return f"{words[:1].upper()}{words[1:]}: {usage_in_words(study)}. {name} is {numeral(schedule.value)}, {certificate(study)}; {others}."
 
 
-def certified(study: Study) -> str:
+def certificate(study: Study) -> str:
     """Say how near to the best the schedule is: certified within 0.02 % of the best of 4^24 schedules."""
-    schedule, differs = study.selection.schedule, not study.scenario.schedule_criterion.is_relative
+    schedule, is_difference = study.selection.schedule, not study.scenario.schedule_criterion.is_relative
     if schedule.status is Status.OPTIMAL:
-        return f"proven to be the best of {_how_many(study)} but for a gap of {gap_in_words(study)}"
-    return f"certified within {gap_in_words(study)} {'below' if differs else 'of'} the best of {_how_many(study)}"
+        return f"proven to be the best of {_schedule_count(study)} but for a gap of {gap_in_words(study)}"
+    return f"certified within {gap_in_words(study)} {'below' if is_difference else 'of'} the best of {_schedule_count(study)}"
 
 
-def lasting_sensors(study: Study) -> list[str]:
+def dependent_sensors(study: Study) -> list[str]:
     """Names of the sensors whose errors are not independent from sample to sample, or from each other."""
     samples = study.main.information.samples
-    return [] if samples is None else [study.main.information.names[place] for place in samples.colour.places]
+    return [] if samples is None else [study.main.information.names[place] for place in samples.colour.sensor_indices]
 
 
-def _how_many(study: Study) -> str:
-    asked, sensors, segments = study.scenario.selection, len(study.scenario.sensors), len(study.selection.schedule.chosen)
-    if asked.rules:
+def _schedule_count(study: Study) -> str:
+    settings, sensors, segments = study.scenario.selection, len(study.scenario.sensors), len(study.selection.schedule.chosen)
+    if settings.rules:
         return "all schedules that keep the rules"
-    return f"{plain(math.comb(sensors, asked.per_segment))}{str(segments).translate(_SUPERSCRIPT)} schedules"
+    return f"{plain(math.comb(sensors, settings.per_segment))}{str(segments).translate(_SUPERSCRIPT)} schedules"
 
 
-def _breaks(study: Study, rival: Rival) -> str:
+def _violation_clause(study: Study, rival: RivalSchedule) -> str:
     total = len(study.scenario.selection.rules)
     count = "the rule" if total == 1 else f"{plain(len(rival.breaks))} of the {plain(total)} rules"
     return f" but breaks {count}" if rival.breaks else ""
 
 
-def explained(study: Study) -> tuple[str, ...]:
+def method_notes(study: Study) -> tuple[str, ...]:
     """Say how the schedule was found, within which rules, and what went otherwise than planned."""
-    schedule, asked = study.selection.schedule, study.scenario.selection
+    schedule, settings = study.selection.schedule, study.scenario.selection
     undecided, segments = schedule.fractional, len(schedule.chosen)
     left = f"leaves {undecided} of {segments} segments undecided; these are rounded" if undecided else "decides every segment"
     looked = f" Branch and bound then looked at {plain(schedule.nodes)} partial schedules." if schedule.nodes else ""
@@ -79,18 +82,20 @@ def explained(study: Study) -> tuple[str, ...]:
         "The bound follows from the relaxation's dual alone, so it holds whatever the solver did.",
     ]
     if study.selection.exact is not None:
-        lasting = joined(lasting_sensors(study))
+        lasting = join(dependent_sensors(study))
         parts.append(
             f"The errors of {lasting} last or belong together, so that no amounts for single segments add up to what samples say together: "
             f"the schedule is chosen, and the bound proven, for amounts from below, which no schedule falls short of. All samples of the "
-            f"chosen schedule together have a {schedule_criterion(study)} of {rounded(facts.or_zero(study, study.selection.exact))}."
+            f"chosen schedule together have a {schedule_criterion(study)} of {numeral(facts.zero_round_off(study, study.selection.exact))}."
         )
-    if asked.rules:
-        parts.append(f"Rules: {'; '.join(rule_in_words(rule) for rule in asked.rules)}.")
-    if asked.robust_to:
-        lost = "any one sensor" if asked.robust_to == 1 else f"any {plain(asked.robust_to)} sensors"
+    if settings.rules:
+        parts.append(f"Rules: {'; '.join(rule_in_words(rule) for rule in settings.rules)}.")
+    if settings.robust_to:
+        lost = "any one sensor" if settings.robust_to == 1 else f"any {plain(settings.robust_to)} sensors"
         parts.append(f"The schedule is chosen for the worst loss of {lost}: its value is what is then left.")
-    parts += [f"{polished(note[:1].upper() + note[1:])}." for note in (each.rstrip(".") for each in (*schedule.notes, *study.notes))]
+    parts += [
+        f"{typeset(note[:1].upper() + note[1:])}." for note in (note_text.rstrip(".") for note_text in (*schedule.notes, *study.notes))
+    ]
     return tuple(parts)
 
 
@@ -98,22 +103,22 @@ def rule_in_words(rule: AbstractRule) -> str:  # noqa: PLR0911  # one for each k
     """Return what a rule says."""
     match rule:
         case EnergyBudget(limit=limit, cost=cost, start=start):
-            more = f", and each switching-on {_amounts(start)}" if _any(start) else ""
-            return f"at most {plain(limit)} is spent, where a segment costs {_amounts(cost)}{more}"
+            switching_clause = f", and each switching-on {_amounts(start)}" if _has_cost(start) else ""
+            return f"at most {plain(limit)} is spent, where a segment costs {_amounts(cost)}{switching_clause}"
         case MaxUses(sensor=sensor, most=most):
             return f"{sensor} is on in at most {plain(most)} segments"
         case SwitchingCost(cost=cost):
             return f"each switching-on takes {_amounts(cost)} off the value"
         case MinimumDwell(least=least, sensors=sensors):
-            who = "every sensor" if sensors is None else joined([str(each) for each in sensors])
+            who = "every sensor" if sensors is None else join([str(name) for name in sensors])
             stays = "stays" if sensors is None or len(sensors) == 1 else "stay"
             return f"{who} {stays} on for at least {plain(least)} segments"
         case Exclusive(sensors=sensors):
-            return f"of {joined([str(each) for each in sensors])} at most one is on at a time"
+            return f"of {join([str(name) for name in sensors])} at most one is on at a time"
         case Requires(sensor=sensor, other=other):
             return f"{sensor} is on only where {other} is"
         case Unavailable(sensor=sensor, segments=segments):
-            return f"{sensor} is off in segments {joined([plain(each) for each in segments])}, counted from 0"
+            return f"{sensor} is off in segments {join([plain(segment) for segment in segments])}, counted from 0"
         case UnavailableBetween(sensor=sensor, first=first, last=last):
             return f"{sensor} is off from {plain(first)} to {plain(last)}{NARROW}s"
         case UnavailableOutside(sensor=sensor, centre=(x, y), radius=radius):
@@ -122,35 +127,37 @@ def rule_in_words(rule: AbstractRule) -> str:  # noqa: PLR0911  # one for each k
             return str(rule)
 
 
-def _any(amounts: float | dict[str | int, float]) -> bool:
+def _has_cost(amounts: float | dict[str | int, float]) -> bool:
     return any(amounts.values()) if isinstance(amounts, dict) else amounts > 0
 
 
 def _amounts(amounts: float | dict[str | int, float]) -> str:
     if isinstance(amounts, dict):
-        return joined([f"{plain(number)} ({name})" for name, number in amounts.items()])
+        return join([f"{plain(number)} ({name})" for name, number in amounts.items()])
     return plain(amounts)
 
 
-def where_table(study: Study) -> Table:
+def usage_table(study: Study) -> Table:
     """When and where each sensor is on."""
-    found, times = whereabouts(study), facts.segment_nodes(study)
-    everything, on = np.ones(len(found.seconds), dtype=bool), study.selection.schedule.chosen
-    turns, beacons = ("in turns [%]",) * found.is_mixed, ("near its beacon [%]",) * any(found.has_beacon)
+    traits, times = segment_traits(study), facts.segment_nodes(study)
+    everything, on = np.ones(len(traits.seconds), dtype=bool), study.selection.schedule.chosen
+    turns, beacons = ("in turns [%]",) * traits.is_mixed, ("near its beacon [%]",) * any(traits.has_beacon)
 
     def row(name: str, active: np.ndarray, near: np.ndarray | None) -> tuple[Cell, ...]:
-        total = float(found.seconds @ active)
+        total = float(traits.seconds @ active)
         return (
             Cell(name),
             Cell(plain(round(total, 9))),
-            Cell(rounded(100 * total / (times[-1] - times[0]))),
-            *((_share(found.share(active, found.turning)),) if turns else ()),
-            *((Cell(DASH) if near is None else _share(found.share(active, near)),) if beacons else ()),
+            Cell(numeral(100 * total / (times[-1] - times[0]))),
+            *((_share(traits.share(active, traits.is_turning)),) if turns else ()),
+            *((Cell(DASH) if near is None else _share(traits.share(active, near)),) if beacons else ()),
         )
 
     shares = " Shares are of a sensor's own time." if turns or beacons else ""
     near = " Near its beacon is nearer than half of the path." if beacons else ""
-    rows = [row(name, on[:, s], found.near[:, s] if found.has_beacon[s] else None) for s, name in enumerate(study.scenario.sensor_names)]
+    rows = [
+        row(name, on[:, s], traits.is_near[:, s] if traits.has_beacon[s] else None) for s, name in enumerate(study.scenario.sensor_names)
+    ]
     return Table(
         f"Where the sensors are on, {path_in_words(study.about).removeprefix('the ')}",
         f"Good: only what is needed.{shares}{near}",
@@ -160,7 +167,7 @@ def where_table(study: Study) -> Table:
 
 
 def _share(share: float) -> Cell:
-    return Cell(DASH if math.isnan(share) else rounded(100 * share))
+    return Cell(DASH if math.isnan(share) else numeral(100 * share))
 
 
 def losses_table(study: Study) -> Table:
@@ -168,39 +175,39 @@ def losses_table(study: Study) -> Table:
     name, value = schedule_criterion(study), study.selection.schedule.value
     rows = tuple(
         (
-            Cell(study.scenario.sensor_names[each.sensor]),
-            _left(study, each.kept, value),
-            Cell(_number(study, each.kept)),
-            Cell(_number(study, each.rechosen)),
-            Cell(_number(study, each.bound)),
+            Cell(study.scenario.sensor_names[loss.sensor]),
+            _loss_cell(study, loss.kept, value),
+            Cell(_number(study, loss.kept)),
+            Cell(_number(study, loss.rechosen)),
+            Cell(_number(study, loss.bound)),
         )
-        for each in study.selection.losses
+        for loss in study.selection.losses
     )
-    share = "kept" if _differs(study) else "kept [%]"
+    share = "kept" if _compares_differences(study) else "kept [%]"
     return Table(
         "When a sensor is lost",
-        f"Good: a schedule that keeps most of its {name}, {rounded(value)}, whichever sensor fails. Kept: by this schedule without the "
+        f"Good: a schedule that keeps most of its {name}, {numeral(value)}, whichever sensor fails. Kept: by this schedule without the "
         "sensor; chosen anew: by a schedule of the other sensors, none of which is above the bound.",
         ("lost sensor", share, f"{name} kept [–]", f"{name}, chosen anew [–]", "bound [–]"),
         rows,
     )
 
 
-def _differs(study: Study) -> bool:
+def _compares_differences(study: Study) -> bool:
     """Whether differences of the criterion count, not shares."""
     return study.scenario.selection.criterion != "min_eigenvalue"
 
 
-def _left(study: Study, kept: float, value: float) -> Cell:
-    if not math.isfinite(kept) or (not _differs(study) and facts.or_zero(study, kept) <= 0):
+def _loss_cell(study: Study, kept_value: float, value: float) -> Cell:
+    if not math.isfinite(kept_value) or (not _compares_differences(study) and facts.zero_round_off(study, kept_value) <= 0):
         return Cell("nothing", "bad")
-    if _differs(study):
-        return Cell("all" if kept >= value - 1e-9 * abs(value) else "less")
-    return Cell(rounded(100 * kept / value) if value > 0 else DASH, "good" if kept > 0.8 * value else "")
+    if _compares_differences(study):
+        return Cell("all" if kept_value >= value - 1e-9 * abs(value) else "less")
+    return Cell(numeral(100 * kept_value / value) if value > 0 else DASH, "good" if kept_value > 0.8 * value else "")
 
 
 def _number(study: Study, value: float) -> str:
-    return rounded(facts.or_zero(study, value)) if math.isfinite(value) else DASH
+    return numeral(facts.zero_round_off(study, value)) if math.isfinite(value) else DASH
 
 
 def schedules_table(study: Study) -> Table:
@@ -208,47 +215,47 @@ def schedules_table(study: Study) -> Table:
     schedule, name = study.selection.schedule, schedule_criterion(study)
     values = {"no schedule is above": schedule.bound} | rival_values(study)
     if study.selection.exact is not None:
-        values = {"chosen, all its samples together": facts.or_zero(study, study.selection.exact)} | values
+        values = {"chosen, all its samples together": facts.zero_round_off(study, study.selection.exact)} | values
     total = study.problem.scaled(study.main.information.total)
     values["all sensors on, for comparison"] = study.scenario.schedule_criterion.value(total)
     share, bound = name == "λmin" and schedule.bound > 0, schedule.bound
     rows = tuple(
         (
-            Cell(each),
-            Cell(rounded(value) if math.isfinite(value) else DASH, "good" if each == facts.CHOSEN else ""),
-            *((Cell(rounded(100 * value / bound)),) if share else ()),
+            Cell(label),
+            Cell(numeral(value) if math.isfinite(value) else DASH, "good" if label == facts.CHOSEN else ""),
+            *((Cell(numeral(100 * value / bound)),) if share else ()),
         )
-        for each, value in values.items()
+        for label, value in values.items()
     )
     per_segment = study.scenario.selection.per_segment
-    broken = tuple(
+    notes = tuple(
         f"* {rival.name} breaks: {'; '.join(rule_in_words(rule) for rule in study.scenario.selection.rules if str(rule) in rival.breaks)}."
         for rival in study.selection.rivals
         if rival.breaks
     )
     if study.selection.exact is not None:
-        broken = (
-            *broken,
-            f"The errors of {joined(lasting_sensors(study))} last: all but the first and the last row count amounts from below.",
+        notes = (
+            *notes,
+            f"The errors of {join(dependent_sensors(study))} last: all but the first and the last row count amounts from below.",
         )
     return Table(
         f"Schedules on {path_in_words(study.about)}",
         f"Good: large {name} of S W S, near the bound that no schedule with {per_segment} on at a time exceeds.",
         ("schedule", f"{name} [–]", *(("of the bound [%]",) if share else ())),
         rows,
-        broken,
+        notes,
     )
 
 
-def on_the_raster(study: Study) -> str:
+def raster_caption(study: Study) -> str:
     """Say how the raster is read."""
     seconds = plain(study.scenario.time.segment)
     return f"Blue is on, for {seconds}{NARROW}s each; a sensor without blue is not needed on this path when the others may be used."
 
 
-def on_the_regret(study: Study) -> str:
+def regret_caption(study: Study) -> str:
     """Say what the colours mean, and how many of the decisions are proven."""
-    sure, total = decided(study)
+    sure, total = count_proven_decisions(study)
     return (
         "What deciding otherwise costs: by how much the bound falls when a sensor that is off (a dot: on) is forced on (off) in that "
         f"segment. Dark costs much, white nothing. Where it costs more than what lies between the schedule and the bound, here "
@@ -256,20 +263,20 @@ def on_the_regret(study: Study) -> str:
     )
 
 
-def decided(study: Study) -> tuple[int, int]:
+def count_proven_decisions(study: Study) -> tuple[int, int]:
     """How many of the decisions no better schedule takes otherwise, and how many there are."""
     schedule = study.selection.schedule
-    cost = otherwise(study)
+    cost = deviation_costs(study)
     return int((cost > schedule.root_bound - schedule.value).sum()), cost.size
 
 
-def otherwise(study: Study) -> np.ndarray:
+def deviation_costs(study: Study) -> np.ndarray:
     """Return (K, S): how much the bound falls when a sensor is forced off where it is on, on where it is off."""
     schedule = study.selection.schedule
     return np.where(schedule.chosen, schedule.forced_off, schedule.forced_on)
 
 
-def on_the_rivals(study: Study) -> str:
+def rivals_caption(study: Study) -> str:
     """Say what the bars compare."""
     best = max([value for name, value in list(rival_values(study).items())[1:] if not name.endswith("*")], default=0.0)
     value, rules = study.selection.schedule.value, any(rival.breaks for rival in study.selection.rivals)
@@ -277,11 +284,11 @@ def on_the_rivals(study: Study) -> str:
     if schedule_criterion(study) != "λmin":
         return f"What is known of the state under each schedule, by {schedule_criterion(study)}.{starred}"
     others = "the best of the others that keep the rules" if rules else "the best of the others"
-    than = f"{rounded(value / best)} times as much as {others}" if best > 0 else "the others see nothing of one direction"
+    than = f"{numeral(value / best)} times as much as {others}" if best > 0 else "the others see nothing of one direction"
     return f"What is known of the weakest combination of states under each schedule: the chosen one gives {than}.{starred}"
 
 
-def on_the_front(study: Study) -> str:
+def front_caption(study: Study) -> str:
     """Say what the front shows, and what half of the spending would buy."""
     front = study.selection.pareto
     if front is None:
@@ -291,5 +298,5 @@ def on_the_front(study: Study) -> str:
     words = f" Half of the largest spending buys {percent(float(half.max()) / top)} of the most." if len(half) and top > 0 else ""
     return (
         f"Each dot is a schedule; no schedule that spends as little lies above the dashed line, which is certified.{words} The chosen "
-        f"schedule, {rounded(value)}, is the ring."
+        f"schedule, {numeral(value)}, is the ring."
     )

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.selection.integer.branch_and_bound import Explored, bar, schedules_of, within_limits
-from obsdesign.selection.integer.local_search import polished
-from obsdesign.selection.integer.reduced_problem import Walks, information_in, walks_of
-from obsdesign.selection.integer.search import DUALS, Answer, Clock, Wanted
+from obsdesign.selection.integer.branch_and_bound import TreeResult, cutoff, schedules_of, within_limits
+from obsdesign.selection.integer.local_search import improve_by_exchange
+from obsdesign.selection.integer.reduced_problem import ReducedProblem, information_of_sums, reduce_problem
+from obsdesign.selection.integer.search import DUALS, Clock, Incumbent, SelectionOptions
 from obsdesign.selection.integer.smoothed_dual import Smoothed, at, declines, descended, smoothed
-from obsdesign.selection.pricing.abstract import AbstractSeparate
-from obsdesign.selection.problem import Instance, vectors
-from obsdesign.selection.relaxation.column_generation import Relaxed
+from obsdesign.selection.pricing.abstract import AbstractSeparateSchedules
+from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.relaxation.column_generation import RelaxedSolution
 
 _WIDTH = 128  # partial schedules that are branched on at a time
 _STEPS = 5  # of Newton's method for each branch
@@ -47,31 +47,36 @@ class _Nodes:
         return _Nodes(*(np.concatenate(part) for part in parts))
 
 
-def serves(instance: Instance) -> bool:
+def serves(instance: SelectionProblem) -> bool:
     """Whether the problem is one that this method knows: a smallest eigenvalue, segments without links."""
-    return instance.criterion.is_smallest_eigenvalue and isinstance(instance.schedules, AbstractSeparate)
+    return instance.criterion.is_smallest_eigenvalue and isinstance(instance.schedules, AbstractSeparateSchedules)
 
 
-def finished(instance: Instance, found: Relaxed, answer: Answer, wanted: Wanted, clock: Clock) -> Answer:
+def finished(instance: SelectionProblem, found: RelaxedSolution, answer: Incumbent, wanted: SelectionOptions, clock: Clock) -> Incumbent:
     """Go on where branch and bound left off; the answer as it is where what is undecided is too large."""
-    duals = sorted(found.met, key=lambda each: each[1])[:DUALS]
-    walks = walks_of(instance, duals, bar(answer.value, wanted.gap, instance))
-    if walks is None or not walks.layers or not all(len(layer.adds) for layer in walks.layers) or not _fits(walks):
+    duals = sorted(found.evaluated_duals, key=lambda each: each[1])[:DUALS]
+    walks = reduce_problem(instance, duals, cutoff(answer.value, wanted.gap, instance))
+    if walks is None or not walks.layers or not all(len(layer.increments) for layer in walks.layers) or not _fits(walks):
         return answer
     result = best_first(instance, walks, found, (answer.chosen, answer.value), wanted.gap, clock.is_up)
-    return Answer(result.chosen, result.value, min(result.bound, answer.bound), answer.nodes + result.nodes)
+    return Incumbent(result.chosen, result.value, min(result.bound, answer.bound), answer.nodes + result.nodes)
 
 
-def _fits(walks: Walks) -> bool:
+def _fits(walks: ReducedProblem) -> bool:
     """Whether what is undecided is small enough for a dual of each part of it."""
-    counts = [len(layer.adds) for layer in walks.layers]
+    counts = [len(layer.increments) for layer in walks.layers]
     steps, c = len(counts) * max(counts), len(walks.base) - 1
     return steps <= _MOST_STEPS and sum(counts) <= _MOST_WAYS * len(counts) and steps * c * (c + 1) // 2 <= _MOST_PRODUCTS
 
 
 def best_first(
-    instance: Instance, walks: Walks, found: Relaxed, incumbent: tuple[np.ndarray, float], gap: float, out_of_time: Callable[[], bool]
-) -> Explored:
+    instance: SelectionProblem,
+    walks: ReducedProblem,
+    found: RelaxedSolution,
+    incumbent: tuple[np.ndarray, float],
+    gap: float,
+    out_of_time: Callable[[], bool],
+) -> TreeResult:
     """Return the best of the walks and the incumbent, and what none of them is above, within a limit of work.
 
     Of the parts with the highest bounds, each is branched on the layer that promises the smallest tree; a few steps of Newton's
@@ -84,7 +89,7 @@ def best_first(
     try:
         nodes = _root(problem, found)
         while not out_of_time() and count < most:
-            least = bar(value, gap, instance) / unit
+            least = cutoff(value, gap, instance) / unit
             nodes = nodes.only(nodes.bound > least)
             if not len(nodes.bound):
                 break
@@ -95,15 +100,15 @@ def best_first(
             chosen, value = _improved(instance, walks, found, (chosen, value), steps, whole)
             nodes = nodes.only(first[_WIDTH:]).joined(children.only(~whole))
     except np.linalg.LinAlgError:  # as far as double precision goes
-        return Explored(chosen, value, found.bound, 0, count, False)
+        return TreeResult(chosen, value, found.bound, 0, count, False)
     left = float(nodes.bound.max(initial=-np.inf)) * unit
-    return Explored(chosen, value, max(left, bar(value, gap, instance)), 0, count, not len(nodes.bound))
+    return TreeResult(chosen, value, max(left, cutoff(value, gap, instance)), 0, count, not len(nodes.bound))
 
 
-def _root(problem: Smoothed, found: Relaxed) -> _Nodes:
+def _root(problem: Smoothed, found: RelaxedSolution) -> _Nodes:
     """All that is undecided, under the dual of the relaxation moved away from corners."""
     even = np.tile(np.eye(problem.n) / problem.n, (problem.scenarios, 1, 1))
-    mixed = 0.9 * vectors(found.dual.Z).ravel() + 0.1 * vectors(even).ravel() / (problem.e[: problem.entries] @ vectors(even).ravel())
+    mixed = 0.9 * svec(found.dual.Z).ravel() + 0.1 * svec(even).ravel() / (problem.e[: problem.entries] @ svec(even).ravel())
     y = np.concatenate([mixed, np.full(len(problem.base) - problem.entries, _PRICE)])[None]
     allowed = problem.there[None]
     bound = np.inf
@@ -149,13 +154,18 @@ def _affordable(problem: Smoothed, allowed: np.ndarray) -> np.ndarray:
 
 
 def _improved(
-    instance: Instance, walks: Walks, found: Relaxed, best: tuple[np.ndarray, float], steps: np.ndarray, whole: np.ndarray
+    instance: SelectionProblem,
+    walks: ReducedProblem,
+    found: RelaxedSolution,
+    best: tuple[np.ndarray, float],
+    steps: np.ndarray,
+    whole: np.ndarray,
 ) -> tuple[np.ndarray, float]:
     """The best of the whole schedules, of the most promising of the others, polished, and of what there is."""
-    adds = [layer.adds[index] for layer, index in zip(walks.layers, steps.T, strict=True)]
+    adds = [layer.increments[index] for layer, index in zip(walks.layers, steps.T, strict=True)]
     sums = walks.base + np.sum(adds, axis=0)
-    W = information_in(instance, sums)
-    near = np.linalg.eigvalsh(instance.judge.softened(W))[..., 0].min(axis=1)
+    W = information_of_sums(instance, sums)
+    near = np.linalg.eigvalsh(instance.scaled_criterion.search_information(W))[..., 0].min(axis=1)
     near = np.where(within_limits(instance, sums), near, -np.inf)
     some = np.flatnonzero(whole & np.isfinite(near))
     chosen, value = best
@@ -165,6 +175,6 @@ def _improved(
         if values.max() > value:
             chosen, value = those[values.argmax()], instance.value(those[values.argmax()])
     if len(near) and near.max() > value - _WORTH * (found.bound - value):
-        better, worth = polished(instance, schedules_of(walks, walks.layers, steps[[near.argmax()]])[0], found.dual, found.bound)
+        better, worth = improve_by_exchange(instance, schedules_of(walks, walks.layers, steps[[near.argmax()]])[0], found.dual, found.bound)
         chosen, value = (better, worth) if worth > value else (chosen, value)
     return chosen, value

@@ -7,72 +7,86 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.selection.integer.reduced_problem import Layer, Walks, information_in, price_vector
-from obsdesign.selection.problem import Instance
-from obsdesign.selection.relaxation.column_generation import Relaxed, relaxed, size_of
+from obsdesign.selection.integer.reduced_problem import Layer, ReducedProblem, information_of_sums, price_vector
+from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.relaxation.column_generation import RelaxedSolution, gap_scale, solve_relaxation
 from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.relaxation.restricted_master import Column
 
-_WIDTH = 1024  # partial schedules that are taken further at a time
-_PRICES = 24  # duals that bound each of them ...
-_NEW = 8  # ... of which so many are made for the front
-_ROUNDS = 6  # of column generation for a front
-_FEW = 8  # fronts of fewer are not worth new duals
-_PRICED = 25  # times on the way through linked segments, where duals take long
-_STALLED = 250  # fronts without a better schedule, after which the whole effort is estimated
-_EARLY = 10  # fronts that settle what was out of the question anyway: no measure of how it goes on
-_HOPELESS = 20.0  # times the allowed effort
+_BATCH_SIZE = 1024  # partial schedules that are taken further at a time
+_DUALS_PER_BATCH = 24  # duals that bound each of them ...
+_NEW_DUALS = 8  # ... of which so many are made for the front
+_COLUMN_ROUNDS = 6  # of column generation for a front
+_MIN_BATCH_FOR_DUALS = 8  # fronts of fewer are not worth new duals
+_DUAL_UPDATES = 25  # times on the way through linked segments, where duals take long
+_BATCHES_BEFORE_ESTIMATE = 250  # fronts without a better schedule, after which the whole effort is estimated
+_EARLY_BATCHES = 10  # fronts that settle what was out of the question anyway: no measure of how it goes on
+_EFFORT_FACTOR = 20.0  # times the allowed effort
 
 
 @dataclass(frozen=True, eq=False)
-class Effort:
+class TreeLimits:
     """Limits of a search: fronts that get duals of their own, partial schedules, whether time is up, and whether it stalls.
 
     stalls: whether to leave off once so much (a share of 1) is settled of what the first fronts left.
     """
 
-    fronts: int
-    nodes: int
+    max_batches: int
+    max_nodes: int
     out_of_time: Callable[[], bool]
     stalls: Callable[[float], bool]
 
 
 @dataclass(frozen=True, eq=False)
-class Explored:
+class TreeResult:
     """The best schedule met, what no schedule is above, fronts and partial schedules looked at, and whether none is left."""
 
     chosen: np.ndarray
     value: float
     bound: float
-    fronts: int
+    batches: int
     nodes: int
-    complete: bool
+    is_complete: bool
 
 
 @dataclass(frozen=True, eq=False)
-class _Front:
+class _NodeBatch:
     """Partial schedules that have the same layers left: states (F,), sums (F, c), steps (F, taken) in the layers taken, bounds (F,).
 
-    duals: what bounds them; share: of the whole tree, for estimating its size.
+    duals: what bounds them; tree_share: of the whole tree, for estimating its size.
     """
 
-    left: Walks
-    taken: tuple[Layer, ...]
+    remaining: ReducedProblem
+    layers_taken: tuple[Layer, ...]
     state: np.ndarray
     sums: np.ndarray
     steps: np.ndarray
     bound: np.ndarray
     duals: tuple[Dual, ...]
-    share: float
+    tree_share: float
 
-    def only(self, keep: np.ndarray) -> _Front:
+    def subset(self, mask: np.ndarray) -> _NodeBatch:
         """Return some of them; the share is that of all."""
-        return _Front(self.left, self.taken, self.state[keep], self.sums[keep], self.steps[keep], self.bound[keep], self.duals, self.share)
+        return _NodeBatch(
+            self.remaining,
+            self.layers_taken,
+            self.state[mask],
+            self.sums[mask],
+            self.steps[mask],
+            self.bound[mask],
+            self.duals,
+            self.tree_share,
+        )
 
 
-def explored(
-    instance: Instance, walks: Walks, duals: list[Dual], incumbent: tuple[np.ndarray, float], gap: float, effort: Effort
-) -> Explored:
+def explore_tree(
+    instance: SelectionProblem,
+    reduced: ReducedProblem,
+    duals: list[Dual],
+    incumbent: tuple[np.ndarray, float],
+    gap: float,
+    limits: TreeLimits,
+) -> TreeResult:
     """Return the best of the walks and the incumbent, proven to within gap where the effort suffices.
 
     A front is a set of partial schedules; the relaxation of the best of them gives duals that bound them all, and says on which
@@ -80,123 +94,140 @@ def explored(
     the caller decides anew what is decided.
     """
     chosen, value = incumbent
-    if any(not len(layer.source) for layer in walks.layers) or not within_limits(instance, walks.base[None])[0]:
-        return Explored(chosen, value, bar(value, gap, instance), 0, 0, True)  # what is decided leaves no schedule at all
-    state = np.array([walks.first])
-    stack = [_Front(walks, (), state, walks.base[None], np.zeros((1, 0), np.int32), np.array([np.inf]), tuple(duals[-_PRICES:]), 1.0)]
-    fronts = nodes = 0
-    settled = early = 0.0
-    stride = max(1, len(walks.layers) // _PRICED) if walks.linked else 1
-    while stack and fronts < effort.fronts and nodes < effort.nodes and not effort.out_of_time():
-        front = stack.pop()
-        least = bar(value, gap, instance)
-        if not front.left.layers:
-            found, best = _best_of(instance, walks, front)
-            settled += front.share
-            if best > value:
-                return Explored(found, best, np.inf, fronts, nodes, False)
+    if any(not len(layer.source) for layer in reduced.layers) or not within_limits(instance, reduced.base[None])[0]:
+        return TreeResult(chosen, value, cutoff(value, gap, instance), 0, 0, True)  # what is decided leaves no schedule at all
+    state = np.array([reduced.initial_state])
+    stack = [
+        _NodeBatch(
+            reduced, (), state, reduced.base[None], np.zeros((1, 0), np.int32), np.array([np.inf]), tuple(duals[-_DUALS_PER_BATCH:]), 1.0
+        )
+    ]
+    batches = nodes = 0
+    fathomed = early_fathomed = 0.0
+    stride = max(1, len(reduced.layers) // _DUAL_UPDATES) if reduced.is_linked else 1
+    while stack and batches < limits.max_batches and nodes < limits.max_nodes and not limits.out_of_time():
+        batch = stack.pop()
+        cutoff_value = cutoff(value, gap, instance)
+        if not batch.remaining.layers:
+            candidate, candidate_value = _best_schedule(instance, reduced, batch)
+            fathomed += batch.tree_share
+            if candidate_value > value:
+                return TreeResult(candidate, candidate_value, np.inf, batches, nodes, False)
             continue
-        shares = None
-        if not front.taken or (len(front.bound) >= _FEW and len(front.taken) % stride == 0):
-            front, shares = _priced(instance, front)
-            fronts += 1
-        grown, nodes_of = _grown(instance, front, shares, least)
-        nodes += nodes_of
-        settled += front.share - sum(each.share for each in grown)
-        stack += grown
-        early = settled if fronts <= _EARLY else early
-        hopeless = fronts >= _STALLED and fronts > _HOPELESS * effort.fronts * max(settled, 1e-300)
-        if hopeless or effort.stalls((settled - early) / max(1 - early, 1e-300)):
+        influence = None
+        if not batch.layers_taken or (len(batch.bound) >= _MIN_BATCH_FOR_DUALS and len(batch.layers_taken) % stride == 0):
+            batch, influence = _generate_duals(instance, batch)
+            batches += 1
+        children, child_count = _branch_batch(instance, batch, influence, cutoff_value)
+        nodes += child_count
+        fathomed += batch.tree_share - sum(child.tree_share for child in children)
+        stack += children
+        early_fathomed = fathomed if batches <= _EARLY_BATCHES else early_fathomed
+        is_hopeless = batches >= _BATCHES_BEFORE_ESTIMATE and batches > _EFFORT_FACTOR * limits.max_batches * max(fathomed, 1e-300)
+        if is_hopeless or limits.stalls((fathomed - early_fathomed) / max(1 - early_fathomed, 1e-300)):
             break
-    left = max((float(front.bound.max()) for front in stack), default=-np.inf)
-    return Explored(chosen, value, max(left, bar(value, gap, instance)), fronts, nodes, not stack)
+    open_bound = max((float(batch.bound.max()) for batch in stack), default=-np.inf)
+    return TreeResult(chosen, value, max(open_bound, cutoff(value, gap, instance)), batches, nodes, not stack)
 
 
-def bar(value: float, gap: float, instance: Instance) -> float:
+def cutoff(incumbent_value: float, gap: float, instance: SelectionProblem) -> float:
     """What a bound has to be above to be worth a look: half of the gap is left for rounding."""
-    return value + 0.5 * gap * size_of(value, instance) if np.isfinite(value) else value
+    return incumbent_value + 0.5 * gap * gap_scale(incumbent_value, instance) if np.isfinite(incumbent_value) else incumbent_value
 
 
-def constants_of(instance: Instance, duals: Sequence[Dual], level: float) -> np.ndarray:
+def dual_constants(instance: SelectionProblem, duals: Sequence[Dual], level: float) -> np.ndarray:
     """Return what the bounds of duals (J,) have beside what is added up, with what rounding may hide where it counts at a level."""
-    return np.array([instance.constant(dual) + instance.slack(dual, level) for dual in duals])
+    return np.array([instance.dual_constant(dual) + instance.slack(dual, level) for dual in duals])
 
 
-def _priced(instance: Instance, front: _Front) -> tuple[_Front, np.ndarray | None]:
+def _generate_duals(instance: SelectionProblem, batch: _NodeBatch) -> tuple[_NodeBatch, np.ndarray | None]:
     """Solve the relaxation of what is left for the best of the front: its duals bound all of it; and the shares of the steps."""
-    index = int(front.bound.argmax())
-    sums, state = front.sums[index], int(front.state[index])
+    index = int(batch.bound.argmax())
+    sums, state = batch.sums[index], int(batch.state[index])
 
     def oracle(dual: Dual) -> tuple[float, Column]:
         y = price_vector(dual)
-        steps, adds = front.left.best(y, state)
-        total = sums + adds
+        steps, added = batch.remaining.best_path(y, state)
+        total = sums + added
         m = len(instance.resources)
         usage = total[len(total) - 1 - m : -1]
-        return instance.constant(dual) + float(y @ total), Column(steps, information_in(instance, total), usage, float(total[-1]))
+        return instance.dual_constant(dual) + float(y @ total), Column(steps, information_of_sums(instance, total), usage, float(total[-1]))
 
-    Y = np.stack([price_vector(dual) for dual in front.duals], axis=1)
-    ahead = front.left.ahead(front.duals, Y)[state]
-    constants = np.array([instance.constant(dual) for dual in front.duals])
-    nearest = front.duals[int((sums @ Y + ahead + constants).argmin())]
-    found = relaxed(instance, 1e-6, (nearest,), _ROUNDS, oracle)
-    if found is None:
-        return front, None
-    duals = (*front.duals, *(dual for dual, _ in found.met[-_NEW:]))[-_PRICES:]
-    bounded = _Front(front.left, front.taken, front.state, front.sums, front.steps, front.bound, duals, front.share)
-    return bounded, None if front.left.linked else _influence(instance, front.left, found)
+    Y = np.stack([price_vector(dual) for dual in batch.duals], axis=1)
+    completion = batch.remaining.completion_bounds(batch.duals, Y)[state]
+    constants = np.array([instance.dual_constant(dual) for dual in batch.duals])
+    tightest = batch.duals[int((sums @ Y + completion + constants).argmin())]
+    relaxation = solve_relaxation(instance, 1e-6, (tightest,), _COLUMN_ROUNDS, oracle)
+    if relaxation is None:
+        return batch, None
+    duals = (*batch.duals, *(dual for dual, _ in relaxation.evaluated_duals[-_NEW_DUALS:]))[-_DUALS_PER_BATCH:]
+    with_duals = _NodeBatch(batch.remaining, batch.layers_taken, batch.state, batch.sums, batch.steps, batch.bound, duals, batch.tree_share)
+    return with_duals, None if batch.remaining.is_linked else _influence(instance, batch.remaining, relaxation)
 
 
-def _influence(instance: Instance, left: Walks, found: Relaxed) -> np.ndarray:
+def _influence(instance: SelectionProblem, remaining: ReducedProblem, relaxation: RelaxedSolution) -> np.ndarray:
     """How much of the information each layer (layers,) leaves undecided: the variance of what it adds, as the dual weighs it."""
-    picks = np.stack([column.chosen for column in found.columns])
-    root = np.linalg.cholesky(found.dual.Z + 1e-12 * np.trace(found.dual.Z.sum(axis=0)) * np.eye(instance.n))
-    influence = np.zeros(len(left.layers))
-    for i, layer in enumerate(left.layers):
-        shares = np.bincount(picks[:, i], weights=found.shares, minlength=len(layer.adds))
+    steps = np.stack([column.chosen for column in relaxation.columns])
+    root = np.linalg.cholesky(relaxation.dual.Z + 1e-12 * np.trace(relaxation.dual.Z.sum(axis=0)) * np.eye(instance.n))
+    influence = np.zeros(len(remaining.layers))
+    for i, layer in enumerate(remaining.layers):
+        shares = np.bincount(steps[:, i], weights=relaxation.shares, minlength=len(layer.increments))
         if shares.max() < 1 - 1e-9:
-            spread = information_in(instance, layer.adds - shares @ layer.adds)
-            influence[i] = shares @ np.sum((root.swapaxes(1, 2) @ spread @ root) ** 2, axis=(1, 2, 3))
+            deviation = information_of_sums(instance, layer.increments - shares @ layer.increments)
+            influence[i] = shares @ np.sum((root.swapaxes(1, 2) @ deviation @ root) ** 2, axis=(1, 2, 3))
     return influence
 
 
-def _grown(instance: Instance, front: _Front, influence: np.ndarray | None, least: float) -> tuple[list[_Front], int]:
+def _branch_batch(
+    instance: SelectionProblem, batch: _NodeBatch, influence: np.ndarray | None, cutoff_value: float
+) -> tuple[list[_NodeBatch], int]:
     """Take every partial schedule one step further, in each way that its bound allows: new fronts, the best one last; and how many."""
-    Y = np.stack([price_vector(dual) for dual in front.duals], axis=1)
-    constants = constants_of(instance, front.duals, least)
-    bound = np.minimum(front.bound, (front.sums @ Y + front.left.ahead(front.duals, Y)[front.state] + constants).min(axis=1))
-    whole = len(front.bound)
-    front = front.only(bound > least)
-    bound = bound[bound > least]
-    index = 0 if front.left.linked else _branch(front.left, Y, influence)
-    layer, rest = front.left.layers[index], front.left.without(index)
-    counts = layer.begin[front.state + 1] - layer.begin[front.state]
+    Y = np.stack([price_vector(dual) for dual in batch.duals], axis=1)
+    constants = dual_constants(instance, batch.duals, cutoff_value)
+    bound = np.minimum(
+        batch.bound, (batch.sums @ Y + batch.remaining.completion_bounds(batch.duals, Y)[batch.state] + constants).min(axis=1)
+    )
+    batch_size = len(batch.bound)
+    batch = batch.subset(bound > cutoff_value)
+    bound = bound[bound > cutoff_value]
+    index = 0 if batch.remaining.is_linked else _branching_layer(batch.remaining, Y, influence)
+    layer, remaining = batch.remaining.layers[index], batch.remaining.without(index)
+    counts = layer.offsets[batch.state + 1] - layer.offsets[batch.state]
     parent = np.repeat(np.arange(len(counts)), counts)
-    step = np.arange(len(parent)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(layer.begin[front.state], counts)
-    sums, state = front.sums[parent] + layer.adds[step], layer.target[step]
-    bound = np.minimum(bound[parent], (sums @ Y + rest.ahead(front.duals, Y)[state] + constants).min(axis=1))
-    keep = (bound > least) & within_limits(instance, sums)
-    share = (front.share / whole / np.maximum(counts, 1)[parent])[keep]
-    parent, step, sums, state, bound = parent[keep], step[keep], sums[keep], state[keep], bound[keep]
+    step = np.arange(len(parent)) - np.repeat(np.cumsum(counts) - counts, counts) + np.repeat(layer.offsets[batch.state], counts)
+    sums, state = batch.sums[parent] + layer.increments[step], layer.target[step]
+    bound = np.minimum(bound[parent], (sums @ Y + remaining.completion_bounds(batch.duals, Y)[state] + constants).min(axis=1))
+    is_open = (bound > cutoff_value) & within_limits(instance, sums)
+    tree_share = (batch.tree_share / batch_size / np.maximum(counts, 1)[parent])[is_open]
+    parent, step, sums, state, bound = parent[is_open], step[is_open], sums[is_open], state[is_open], bound[is_open]
     order = np.argsort(bound, kind="stable")
-    found = []
-    for first in range(0, len(order), _WIDTH):
-        part = order[first : first + _WIDTH]
-        steps = np.column_stack([front.steps[parent[part]], step[part].astype(np.int32)])
-        found.append(
-            _Front(rest, (*front.taken, layer), state[part], sums[part], steps, bound[part], front.duals, float(share[part].sum()))
+    children = []
+    for first in range(0, len(order), _BATCH_SIZE):
+        chunk = order[first : first + _BATCH_SIZE]
+        steps = np.column_stack([batch.steps[parent[chunk]], step[chunk].astype(np.int32)])
+        children.append(
+            _NodeBatch(
+                remaining,
+                (*batch.layers_taken, layer),
+                state[chunk],
+                sums[chunk],
+                steps,
+                bound[chunk],
+                batch.duals,
+                float(tree_share[chunk].sum()),
+            )
         )
-    return found, len(order)
+    return children, len(order)
 
 
-def _branch(left: Walks, Y: np.ndarray, influence: np.ndarray | None) -> int:
+def _branching_layer(remaining: ReducedProblem, Y: np.ndarray, influence: np.ndarray | None) -> int:
     """The layer to branch on: the one of most influence, or where it is not known the one whose steps differ most in price."""
     if influence is not None and influence.any():
         return int(influence.argmax())
-    return int(np.argmax([np.ptp(layer.adds @ Y, axis=0).max() for layer in left.layers]))
+    return int(np.argmax([np.ptp(layer.increments @ Y, axis=0).max() for layer in remaining.layers]))
 
 
-def within_limits(instance: Instance, sums: np.ndarray) -> np.ndarray:
+def within_limits(instance: SelectionProblem, sums: np.ndarray) -> np.ndarray:
     """Whether no resource is exceeded yet, but for rounding."""
     m = len(instance.resources)
     if not m:
@@ -204,17 +235,17 @@ def within_limits(instance: Instance, sums: np.ndarray) -> np.ndarray:
     return np.all(sums[:, -1 - m : -1] <= instance.limits + 1e-9 * np.maximum(1.0, instance.limits), axis=1)
 
 
-def _best_of(instance: Instance, walks: Walks, front: _Front) -> tuple[np.ndarray, float]:
+def _best_schedule(instance: SelectionProblem, reduced: ReducedProblem, batch: _NodeBatch) -> tuple[np.ndarray, float]:
     """The best of whole schedules, recomputed from its sensors."""
-    chosen = schedules_of(walks, front.taken, front.steps)
-    values = instance.values(chosen, information_in(instance, front.sums)) - front.sums[:, -1]
+    chosen = schedules_of(reduced, batch.layers_taken, batch.steps)
+    values = instance.values(chosen, information_of_sums(instance, batch.sums)) - batch.sums[:, -1]
     best = int(values.argmax())
     return chosen[best], instance.value(chosen[best])
 
 
-def schedules_of(walks: Walks, taken: tuple[Layer, ...], steps: np.ndarray) -> np.ndarray:
+def schedules_of(reduced: ReducedProblem, layers: tuple[Layer, ...], steps: np.ndarray) -> np.ndarray:
     """Return the schedules (F, K, S) of steps (F, taken) in the layers taken."""
-    chosen = np.repeat(walks.chosen[None], len(steps), axis=0)
-    for layer, step in zip(taken, steps.T, strict=True):
+    chosen = np.repeat(reduced.chosen[None], len(steps), axis=0)
+    for layer, step in zip(layers, steps.T, strict=True):
         chosen[:, layer.segment] = layer.patterns[step]
     return chosen

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from obsdesign.selection.integer.reduced_problem import Walks
-from obsdesign.selection.problem import Instance, matrices, vectors
+from obsdesign.selection.integer.reduced_problem import ReducedProblem
+from obsdesign.selection.problem import SelectionProblem, smat, svec
 
 _EPS = float(np.finfo(float).eps)
 _RIDGE = 1e-13  # on a unit diagonal: some hundred times the rounding of a double, so that its factor exists; steps bend by as little
@@ -61,7 +61,7 @@ class Smoothed:
 
     def Z(self, y: np.ndarray) -> np.ndarray:
         """Return the duals (N, R, n, n) in y (N, c)."""
-        return matrices(y[:, : self.entries].reshape(len(y), self.scenarios, self.entries // self.scenarios), self.n)
+        return smat(y[:, : self.entries].reshape(len(y), self.scenarios, self.entries // self.scenarios), self.n)
 
     def scores(self, y: np.ndarray, allowed: np.ndarray) -> np.ndarray:
         """Return what every step is worth (N, K, A) under y (N, c); -inf where it is not allowed (N, K, A)."""
@@ -102,15 +102,15 @@ class Descent:
     bound: np.ndarray
 
 
-def smoothed(instance: Instance, walks: Walks, unit: float) -> Smoothed:
+def smoothed(instance: SelectionProblem, walks: ReducedProblem, unit: float) -> Smoothed:
     """Return the dual of what is undecided in segments without links, in units of a bound."""
-    most = max(len(layer.adds) for layer in walks.layers)
-    R, m = len(instance.kept), len(instance.resources)
+    most = max(len(layer.increments) for layer in walks.layers)
+    R, m = len(instance.working_sensors), len(instance.resources)
     adds = np.zeros((len(walks.layers), most, len(walks.base) - 1))
     there = np.zeros(adds.shape[:2], dtype=bool)
     for k, layer in enumerate(walks.layers):
-        adds[k, : len(layer.adds)] = layer.adds[:, :-1]
-        there[k, : len(layer.adds)] = True
+        adds[k, : len(layer.increments)] = layer.increments[:, :-1]
+        there[k, : len(layer.increments)] = True
     base = walks.base[:-1].copy()
     entries = len(base) - m
     adds[..., entries:] *= -1.0
@@ -118,8 +118,8 @@ def smoothed(instance: Instance, walks: Walks, unit: float) -> Smoothed:
     most_used = np.maximum(np.abs(base[entries:]), np.abs(adds[..., entries:]).max(axis=(0, 1), initial=0.0))
     size = np.concatenate([np.full(entries, unit), np.where(most_used > 0, most_used, 1.0)])
     adds, base = adds / size, base / size
-    e = np.concatenate([np.tile(vectors(np.diag(instance.judge.metric)), R), np.zeros(m)])
-    sizes = np.sqrt(np.maximum(np.diagonal(instance.everything, axis1=1, axis2=2).max(axis=0), 0.0) / unit)
+    e = np.concatenate([np.tile(svec(np.diag(instance.scaled_criterion.metric)), R), np.zeros(m)])
+    sizes = np.sqrt(np.maximum(np.diagonal(instance.all_information, axis1=1, axis2=2).max(axis=0), 0.0) / unit)
     return Smoothed(adds, there, base, e, sizes, R, 1.0)
 
 
@@ -142,17 +142,17 @@ def model(problem: Smoothed, points: Points) -> Model:
     inverse = np.linalg.inv(problem.Z(points.y))
     mu = points.y[:, entries:]
     mean = np.matmul(shares.swapaxes(0, 1), problem.adds).swapaxes(0, 1)
-    barrier = np.concatenate([vectors(inverse).reshape(N, entries), 1 / mu], axis=1)
+    barrier = np.concatenate([svec(inverse).reshape(N, entries), 1 / mu], axis=1)
     i, j = np.tril_indices(c)
     H = np.empty((N, c, c))
     H[:, i, j] = H[:, j, i] = shares.reshape(N, -1) @ problem.products
     rounding = 4 * c * _EPS * np.diagonal(H, axis1=1, axis2=2)[:, :, None] * np.eye(c)
     H = (H + rounding - mean.swapaxes(1, 2) @ mean) / tau
     d = entries // problem.scenarios
-    basis = matrices(np.eye(d), problem.n)
+    basis = smat(np.eye(d), problem.n)
     for r in range(problem.scenarios):
         own = slice(r * d, (r + 1) * d)
-        H[:, own, own] += tau * vectors(inverse[:, None, r] @ basis @ inverse[:, None, r])
+        H[:, own, own] += tau * svec(inverse[:, None, r] @ basis @ inverse[:, None, r])
     rest = np.arange(entries, c)
     H[:, rest, rest] += tau / mu**2
     size = 1 / np.sqrt(np.diagonal(H, axis1=1, axis2=2))

@@ -12,11 +12,11 @@ from obsdesign.criteria.abstract import AbstractCriterion
 if TYPE_CHECKING:
     import cvxpy as cp
 
-_NEWTON = 60  # steps at most: they rise to the root from below and double its right digits near it
+_NEWTON_STEPS = 60  # steps at most: they rise to the root from below and double its right digits near it
 
 
 @dataclass(frozen=True)
-class Soft(AbstractCriterion):
+class SmoothedEigenvalue(AbstractCriterion):
     """max over t of t + tau log det(W - t I); lambda_min(W) as tau falls to 0. Slope Z = tau (W - t I)^-1, of trace 1.
 
     Its prices lie well inside of Z >= 0, as those of an analytic centre; the prices at a corner of the mixtures jump about, and
@@ -36,8 +36,8 @@ class Soft(AbstractCriterion):
         raise NotImplementedError("a step of a search, never a criterion of its own")
 
     def slope(self, W: np.ndarray) -> np.ndarray:
-        above, bases = self.spectrum(W[None], self.tau)
-        return (bases[0] * (self.tau / above[0])) @ bases[0].T
+        shifted, bases = self.spectrum(W[None], self.tau)
+        return (bases[0] * (self.tau / shifted[0])) @ bases[0].T
 
     @property
     def resolution(self) -> float:
@@ -48,12 +48,12 @@ class Soft(AbstractCriterion):
         return False
 
     def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
-        above, bases = self.spectrum(W[None], self.tau)
-        root = 1 / np.sqrt(above[0])
-        turned = (bases[0].T @ D @ bases[0]) * np.outer(root, root)
-        flat = turned.reshape(len(D), -1)
-        moved = np.einsum("iaa,a->i", turned, 1 / above[0])
-        return self.tau * (flat @ flat.T - np.outer(moved, moved) / np.sum(above**-2.0))
+        shifted, bases = self.spectrum(W[None], self.tau)
+        inverse_root = 1 / np.sqrt(shifted[0])
+        transformed = (bases[0].T @ D @ bases[0]) * np.outer(inverse_root, inverse_root)
+        flat = transformed.reshape(len(D), -1)
+        shift_response = np.einsum("iaa,a->i", transformed, 1 / shifted[0])
+        return self.tau * (flat @ flat.T - np.outer(shift_response, shift_response) / np.sum(shifted**-2.0))
 
     def atom(self, W: cp.Expression) -> cp.Expression:
         raise NotImplementedError("a step of a search, never a criterion of its own")
@@ -69,17 +69,17 @@ class Soft(AbstractCriterion):
         """Return t + tau sum log(eigenvalue - t) for rows of eigenvalues."""
         shift = _shift(eigenvalues, tau)
         lowest = eigenvalues.min(axis=1)
-        above = eigenvalues - lowest[:, None] + shift[:, None]
-        return lowest - shift + tau * np.log(above).sum(axis=1)
+        shifted = eigenvalues - lowest[:, None] + shift[:, None]
+        return lowest - shift + tau * np.log(shifted).sum(axis=1)
 
 
 def _shift(eigenvalues: np.ndarray, tau: float) -> np.ndarray:
     """lowest eigenvalue - t > 0 for each row, where tau sum 1 / (eigenvalue - t) = 1."""
-    apart = eigenvalues - eigenvalues.min(axis=1, keepdims=True)
-    shift = np.full(len(apart), tau)  # too small or just right: Newton's method rises from here
-    for _ in range(_NEWTON):
-        above = apart + shift[:, None]
-        step = (tau * np.sum(1 / above, axis=1) - 1) / (tau * np.sum(above**-2.0, axis=1))
+    distances = eigenvalues - eigenvalues.min(axis=1, keepdims=True)
+    shift = np.full(len(distances), tau)  # too small or just right: Newton's method rises from here
+    for _ in range(_NEWTON_STEPS):
+        shifted = distances + shift[:, None]
+        step = (tau * np.sum(1 / shifted, axis=1) - 1) / (tau * np.sum(shifted**-2.0, axis=1))
         shift = shift + step
         if (np.abs(step) <= 1e-14 * shift).all():
             break

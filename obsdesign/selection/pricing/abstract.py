@@ -9,7 +9,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Changes:
+class PatternChanges:
     """Other patterns (N, S) bool for segments (N,)."""
 
     segments: np.ndarray
@@ -27,28 +27,28 @@ class AbstractSchedules(ABC):
 
     @property
     @abstractmethod
-    def linked(self) -> bool:
+    def is_linked(self) -> bool:
         """Whether what is on in one segment restricts the next."""
 
     @abstractmethod
-    def best(self, price: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, float]:
+    def maximise(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the schedule with the largest sum of price (K, S) over what is on, less start (S,) per switching-on; and the sum."""
 
     @abstractmethod
-    def regrets(self, price: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def forcing_costs(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return how much the largest sum falls when (k, s) is forced on, and when it is forced off, (K, S) each; inf: impossible."""
 
 
-class AbstractSeparate(AbstractSchedules):
+class AbstractSeparateSchedules(AbstractSchedules):
     """Schedules in which every segment is free of the others."""
 
     @abstractmethod
-    def options(self, k: int, can_be_on: np.ndarray, can_be_off: np.ndarray, idle: bool) -> np.ndarray | None:
+    def feasible_patterns(self, k: int, can_be_on: np.ndarray, can_be_off: np.ndarray, idle: bool) -> np.ndarray | None:
         """Return the patterns (A, S) of a segment within what may be on (S,) and off (S,); None where there are too many to list.
 
         idle: whether there may be room left, which is never better where sensors cost nothing.
         """
 
     @abstractmethod
-    def changes(self, chosen: np.ndarray, price: np.ndarray, within: np.ndarray, most: int) -> Changes:
-        """Return the changes of single segments that cost least in prices (K, S), of the segments `within`, not more than `most`."""
+    def cheapest_changes(self, chosen: np.ndarray, price: np.ndarray, segment_indices: np.ndarray, max_count: int) -> PatternChanges:
+        """Return the changes of one segment of `segment_indices` each that cost least in prices (K, S), at most `max_count`."""

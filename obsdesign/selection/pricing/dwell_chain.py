@@ -10,13 +10,13 @@ import numpy as np
 
 from obsdesign.errors import InputError
 from obsdesign.selection.pricing.abstract import AbstractSchedules
-from obsdesign.selection.pricing.patterns import forced
+from obsdesign.selection.pricing.patterns import costs_of_forcing
 
-_MOST_STATES = 3000  # each is followed by any of the patterns: trades the rules that are accepted for memory and time
+_MAX_STATES = 3000  # each is followed by any of the patterns: trades the rules that are accepted for memory and time
 
 
 @dataclass(frozen=True, eq=False)
-class Chain(AbstractSchedules):
+class DwellChain(AbstractSchedules):
     """In every segment one of the patterns (P, S) of available (K, S) sensors; a sensor s that goes on stays on for dwell (S,).
 
     A state is a pattern and how long each of its sensors still has to stay on; the first state is nothing on, as before the path.
@@ -26,28 +26,28 @@ class Chain(AbstractSchedules):
     dwell: np.ndarray
 
     @property
-    def linked(self) -> bool:
+    def is_linked(self) -> bool:
         return True
 
-    def best(self, price: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, float]:
-        scores, loss = self.scores(price), self.starts @ start
-        ahead = self._backward(scores, loss)
+    def maximise(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, float]:
+        scores, loss = self.scores(price), self.switch_ons @ switching_cost
+        to_end = self._backward(scores, loss)
         chosen, state = np.empty(price.shape, dtype=bool), 0
         for k in range(len(price)):
-            index = int((scores[k] - loss[state] + ahead[k + 1][self.following[state]]).argmax())
+            index = int((scores[k] - loss[state] + to_end[k + 1][self.transitions[state]]).argmax())
             chosen[k] = self.patterns[index]
-            state = self.following[state, index]
-        return chosen, float(ahead[0][0])
+            state = self.transitions[state, index]
+        return chosen, float(to_end[0][0])
 
-    def regrets(self, price: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        through = self.through(price, start)
-        return forced(through.max(axis=1), self.patterns)
+    def forcing_costs(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        through = self.best_through(price, switching_cost)
+        return costs_of_forcing(through.max(axis=1), self.patterns)
 
-    def through(self, price: np.ndarray, start: np.ndarray) -> np.ndarray:
+    def best_through(self, price: np.ndarray, switching_cost: np.ndarray) -> np.ndarray:
         """Return the best total (K, Q, P) of all schedules that take pattern p from state q in segment k; -inf where there is none."""
-        scores, loss = self.scores(price), self.starts @ start
-        ahead, behind = self._backward(scores, loss), self._forward(scores, loss)
-        return behind[:-1, :, None] + scores[:, None, :] - loss[None] + ahead[1:][:, self.following]
+        scores, loss = self.scores(price), self.switch_ons @ switching_cost
+        to_end, from_start = self._backward(scores, loss), self._forward(scores, loss)
+        return from_start[:-1, :, None] + scores[:, None, :] - loss[None] + to_end[1:][:, self.transitions]
 
     def scores(self, price: np.ndarray) -> np.ndarray:
         """Return what each pattern is worth in each segment (K, P), -inf where a sensor of it is not available."""
@@ -56,64 +56,64 @@ class Chain(AbstractSchedules):
 
     def _backward(self, scores: np.ndarray, loss: np.ndarray) -> np.ndarray:
         """Best total (K+1, Q) from the beginning of a segment to the end, by state; -inf for the state that stands for `impossible`."""
-        ahead = np.full((len(scores) + 1, self.count + 1), -np.inf)
-        ahead[-1, :-1] = 0.0
+        to_end = np.full((len(scores) + 1, self.state_count + 1), -np.inf)
+        to_end[-1, :-1] = 0.0
         for k in range(len(scores) - 1, -1, -1):
-            ahead[k, :-1] = (scores[k] - loss + ahead[k + 1][self.following]).max(axis=1)
-        return ahead
+            to_end[k, :-1] = (scores[k] - loss + to_end[k + 1][self.transitions]).max(axis=1)
+        return to_end
 
     def _forward(self, scores: np.ndarray, loss: np.ndarray) -> np.ndarray:
         """Best total (K+1, Q) from the beginning to that of a segment."""
-        behind = np.full((len(scores) + 1, self.count), -np.inf)
-        behind[0, 0] = 0.0
+        from_start = np.full((len(scores) + 1, self.state_count), -np.inf)
+        from_start[0, 0] = 0.0
         order, ends, targets = self._arrivals
         for k in range(len(scores)):
-            total = (behind[k][:, None] + scores[k] - loss).ravel()[order]
-            behind[k + 1, targets] = np.maximum.reduceat(total, ends)
-        return behind
+            total = (from_start[k][:, None] + scores[k] - loss).ravel()[order]
+            from_start[k + 1, targets] = np.maximum.reduceat(total, ends)
+        return from_start
 
     @property
-    def count(self) -> int:
+    def state_count(self) -> int:
         """Q, the number of states."""
-        return len(self.following)
+        return len(self.transitions)
 
     @cached_property
     def _arrivals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The steps (q, p) sorted by where they lead, where each target begins, and the targets."""
-        flat = self.following.ravel()
+        flat = self.transitions.ravel()
         order = np.argsort(flat, kind="stable")
-        order = order[flat[order] < self.count]
+        order = order[flat[order] < self.state_count]
         targets, ends = np.unique(flat[order], return_index=True)
         return order, ends, targets
 
     @cached_property
     def _states(self) -> list[tuple[int, ...]]:
         """How long each sensor still has to stay on after this segment, -1 = off: every combination that a walk may reach."""
-        found = [(-1,) * self.patterns.shape[1]]
+        states = [(-1,) * self.patterns.shape[1]]
         for pattern in self.patterns:
-            left = [range(self.dwell[s]) if on else (-1,) for s, on in enumerate(pattern)]
-            if len(found) + np.prod([len(each) for each in left]) > _MOST_STATES:
+            remaining = [range(self.dwell[s]) if on else (-1,) for s, on in enumerate(pattern)]
+            if len(states) + np.prod([len(choices) for choices in remaining]) > _MAX_STATES:
                 raise InputError(
-                    f"the rules make more than {_MOST_STATES} states of {len(self.patterns)} patterns and dwell times "
-                    f"{', '.join(str(int(each)) for each in self.dwell)}: fewer sensors per segment or shorter dwell times are accepted"
+                    f"the rules make more than {_MAX_STATES} states of {len(self.patterns)} patterns and dwell times "
+                    f"{', '.join(str(int(length)) for length in self.dwell)}: fewer sensors per segment or shorter dwell times are accepted"
                 )
-            found += [state for state in product(*left) if state not in found[:1]]
-        return found
+            states += [state for state in product(*remaining) if state not in states[:1]]
+        return states
 
     @cached_property
-    def following(self) -> np.ndarray:
+    def transitions(self) -> np.ndarray:
         """The state (Q, P) that a pattern leads to; Q where it switches off too early."""
         states = np.array(self._states)
         index = {state: i for i, state in enumerate(self._states)}
         after = np.where(states[:, None, :] >= 0, np.maximum(states[:, None, :] - 1, 0), self.dwell - 1)  # if on
         after = np.where(self.patterns[None], after, -1)
         early = (~self.patterns[None] & (states[:, None, :] > 0)).any(axis=2)
-        found = np.full(early.shape, len(states))
+        table = np.full(early.shape, len(states))
         for q, p in np.argwhere(~early):
-            found[q, p] = index[tuple(after[q, p].tolist())]
-        return found
+            table[q, p] = index[tuple(after[q, p].tolist())]
+        return table
 
     @cached_property
-    def starts(self) -> np.ndarray:
+    def switch_ons(self) -> np.ndarray:
         """Which sensors a pattern switches on (Q, P, S)."""
         return (np.array(self._states)[:, None, :] < 0) & self.patterns[None]
