@@ -99,10 +99,10 @@ def raster_picture(on: np.ndarray) -> str:
     return _svg(320.0, rows * height, f"<rect width='320' height='{rows * height:.0f}' fill='#eee'/>{boxes}")
 
 
-def raster_text(on: np.ndarray, most: int = 60) -> list[str]:
+def raster_text(on: np.ndarray, max_marks: int = 60) -> list[str]:
     """Return a line of marks for each column of on (K, S): on all the time, some of it, or not, in at most so many marks."""
     segments = len(on)
-    edges = np.linspace(0, segments, min(segments, most) + 1).astype(int)
+    edges = np.linspace(0, segments, min(segments, max_marks) + 1).astype(int)
     shares = np.add.reduceat(on.astype(float), edges[:-1], axis=0) / np.diff(edges)[:, None]
     return ["".join("#" if share == 1 else "+" if share else "." for share in column) for column in shares.T]
 

@@ -39,8 +39,8 @@ def unpack(values: np.ndarray, n: int) -> np.ndarray:
 def lower_indices(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return rows and columns of the lower triangle, column by column."""
     columns, rows = np.triu_indices(n)
-    for each in (rows, columns):
-        each.flags.writeable = False  # they are shared
+    for indices in (rows, columns):
+        indices.flags.writeable = False  # they are shared
     return rows, columns
 
 

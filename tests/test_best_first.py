@@ -10,11 +10,11 @@ from test_selection_cuts import CASES, Case
 
 import obsdesign as od
 from obsdesign.selection.build import build_problem
-from obsdesign.selection.integer.best_first_search import best_first, finished, serves
+from obsdesign.selection.integer.best_first_search import continue_best_first, search_best_first, supports_best_first
 from obsdesign.selection.integer.reduced_problem import ReducedProblem, reduce_problem
 from obsdesign.selection.integer.rounding import purify
 from obsdesign.selection.integer.search import Clock, Incumbent, SelectionOptions, find_incumbent
-from obsdesign.selection.integer.smoothed_dual import Smoothed, at, declines, descended, model, smoothed
+from obsdesign.selection.integer.smoothed_dual import SmoothedDual, branch_decreases, descend, evaluate_duals, quadratic_models, smooth_dual
 from obsdesign.selection.problem import SelectionProblem, svec
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, solve_relaxation
 
@@ -38,7 +38,7 @@ def from_nothing(instance: SelectionProblem, gap: float = 1e-9) -> tuple[float, 
     """Value, bound and whether it was done, without a schedule to begin with."""
     found, walks = relaxed_with_all(instance)
     nothing = np.zeros(instance.shape, dtype=bool)
-    result = best_first(instance, walks, found, (nothing, instance.value(nothing)), gap, lambda: False)
+    result = search_best_first(instance, walks, found, (nothing, instance.value(nothing)), gap, lambda: False)
     assert instance.is_within_limits(result.chosen)
     assert result.value == instance.value(result.chosen)
     return result.value, result.bound, result.is_complete
@@ -78,7 +78,7 @@ def test_random_blocks_of_rank_1_are_closed_to_their_bar(seed: int):
     wanted = SelectionOptions("auto", 0.012, None, 0)
     before = find_incumbent(instance, found, purify(instance, found), wanted, NEVER)
     assert 1 - before.value / before.bound > 0.02
-    after = finished(instance, found, before, wanted, NEVER)
+    after = continue_best_first(instance, found, before, wanted, NEVER)
     assert np.linalg.eigvalsh(np.einsum("ks,ksij->ij", after.chosen, blocks))[0] == pytest.approx(after.value, rel=1e-12)
     assert before.value < after.value <= after.bound <= after.value / (1 - 0.0125)
 
@@ -87,43 +87,45 @@ def test_time_that_is_up_leaves_what_is_there():
     instance = CASES["rank 1"].posed()
     found, _ = relaxed_with_all(instance)
     nothing = np.zeros(instance.shape, dtype=bool)
-    after = finished(instance, found, Incumbent(nothing, 0.0, found.bound), SelectionOptions("auto", 1e-9, 1.0, 0), Clock(0.0, 0.0))
+    after = continue_best_first(
+        instance, found, Incumbent(nothing, 0.0, found.bound), SelectionOptions("auto", 1e-9, 1.0, 0), Clock(0.0, 0.0)
+    )
     assert (after.value, after.bound, after.nodes) == (0.0, found.bound, 0)
 
 
 def test_it_serves_a_smallest_eigenvalue_of_separate_segments():
     blocks = random_blocks(4, 2, 2, 0)
-    assert serves(build_problem(blocks, 1, (), od.MinEigenvalue(), 1, None))
-    assert not serves(build_problem(blocks, 1, (), od.LogDet(), 0, None))
-    assert not serves(build_problem(blocks, 1, (od.MinimumDwell(2),), od.MinEigenvalue(), 0, None))
+    assert supports_best_first(build_problem(blocks, 1, (), od.MinEigenvalue(), 1, None))
+    assert not supports_best_first(build_problem(blocks, 1, (), od.LogDet(), 0, None))
+    assert not supports_best_first(build_problem(blocks, 1, (od.MinimumDwell(2),), od.MinEigenvalue(), 0, None))
 
 
 # ---------------------------------------------------------------- the smoothed dual
 
 
-def posed_dual(seed: int) -> tuple[Smoothed, np.ndarray, np.ndarray, np.ndarray]:
+def posed_dual(seed: int) -> tuple[SmoothedDual, np.ndarray, np.ndarray, np.ndarray]:
     """Two scenarios of loss and a budget: the dual, random points y (N, c), what is allowed, and the values of all schedules."""
     random, blocks = np.random.default_rng(seed), random_blocks(4, 2, 2, seed)
     rule = od.EnergyBudget(6.0, {0: 2.0, 1: 1.0})
     instance = build_problem(blocks, 2, (rule,), od.MinEigenvalue(), 1, None)
     found, walks = relaxed_with_all(instance)
-    problem = smoothed(instance, walks, found.bound).of_tau(0.3)
+    problem = smooth_dual(instance, walks, found.bound).with_tau(0.3)
     roots = random.standard_normal((6, 2, 2, 2))
     Z = svec(roots @ roots.swapaxes(2, 3) + 0.1 * np.eye(2)).reshape(6, -1)
     y = np.concatenate([Z, random.uniform(0.01, 1.0, (6, 1))], axis=1)
     chosen = np.array(list(product((0, 1), repeat=8)), dtype=bool).reshape(-1, 4, 2)
     values = np.array([instance.value(each) for each in chosen if instance.is_within_limits(each)]) / found.bound
-    return problem, y / (y @ problem.e)[:, None], np.repeat(problem.there[None], 6, axis=0), values
+    return problem, y / (y @ problem.e)[:, None], np.repeat(problem.exists[None], 6, axis=0), values
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_every_dual_bounds_every_schedule_and_descents_lower_it(seed: int):
     problem, y, allowed, values = posed_dual(seed)
-    before = at(problem, y, allowed)
+    before = evaluate_duals(problem, y, allowed)
     assert (before.bound >= values.max() * (1 - 1e-12)).all()
     lowest = before.bound
     for tau in (0.3, 0.1, 0.03, 0.01, 0.003):
-        after = descended(problem.of_tau(tau), y, allowed, 40, -np.inf)
+        after = descend(problem.with_tau(tau), y, allowed, 40, -np.inf)
         y, lowest = after.end.y, np.minimum(lowest, after.bound)
         assert (after.bound >= values.max() * (1 - 1e-12)).all()
     # the relaxation's bound is 1; log-sum-exp of 4 steps in 4 layers, four eigenvalues and a price add tau (4 log 4 + 5) at most
@@ -132,23 +134,23 @@ def test_every_dual_bounds_every_schedule_and_descents_lower_it(seed: int):
 
 def test_slope_and_curvature_are_those_of_differences():
     problem, y, allowed, _ = posed_dual(0)
-    here = model(problem, at(problem, y, allowed))
+    here = quadratic_models(problem, evaluate_duals(problem, y, allowed))
     H = here.H / here.size[:, :, None] / here.size[:, None, :]
     for i, step in enumerate(1e-6 * np.eye(y.shape[1])):
-        ahead, behind = (at(problem, y + sign * step, allowed) for sign in (1.0, -1.0))
+        ahead, behind = (evaluate_duals(problem, y + sign * step, allowed) for sign in (1.0, -1.0))
         np.testing.assert_allclose((ahead.f - behind.f) / 2e-6, here.gradient[:, i], rtol=1e-6, atol=1e-7)
-        bend = (model(problem, ahead).gradient - model(problem, behind).gradient) / 2e-6
+        bend = (quadratic_models(problem, ahead).gradient - quadratic_models(problem, behind).gradient) / 2e-6
         np.testing.assert_allclose(bend, H[:, i], rtol=1e-5, atol=1e-5 * np.abs(H).max())
 
 
 def test_a_fall_is_that_of_the_quadratic_model():
     """Fixing a step lowers f by -tau log share at once, and half the square of Newton's step after: close for steps that move little."""
     problem, y, allowed, _ = posed_dual(1)
-    calm = Smoothed(problem.adds * 1e-3, problem.there, problem.base, problem.e, problem.sizes, problem.scenarios, 0.3)
-    before = descended(calm, y, allowed, 60, -np.inf).end
-    falls = declines(calm, before, allowed)
-    for step in range(int(problem.there[0].sum())):
+    calm = SmoothedDual(problem.increments * 1e-3, problem.exists, problem.base, problem.e, problem.sizes, problem.scenarios, 0.3)
+    before = descend(calm, y, allowed, 60, -np.inf).end
+    falls = branch_decreases(calm, before, allowed)
+    for step in range(int(problem.exists[0].sum())):
         fixed = allowed.copy()
         fixed[:, 0] = np.arange(allowed.shape[2]) == step
-        after = descended(calm, before.y, fixed, 60, -np.inf).end
+        after = descend(calm, before.y, fixed, 60, -np.inf).end
         np.testing.assert_allclose(before.f - after.f, falls[:, 0, step], rtol=1e-2)

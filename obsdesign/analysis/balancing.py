@@ -7,7 +7,7 @@ import numpy as np
 _SWEEPS = 30  # a basis without zeros is balanced after one, with zeros each sweep brings the sizes nearer; an approximate scale does
 
 
-def balanced(basis: np.ndarray) -> np.ndarray:
+def balance_columns(basis: np.ndarray) -> np.ndarray:
     """Return the basis (n, d) with its columns scaled so that log |N_ij| = a_i + b_j as nearly as can be, and b_j = 0.
 
     States of size 1e12 and 1e-12 make directions such as (1, 1e-24): relative to what is usual in its row no entry is small then.

@@ -93,7 +93,7 @@ class Experiments:
     def along(self, directions: arb_mat) -> arb_mat:
         """Return J times directions (width, d) at a real place, at the working precision."""
         flow, arithmetic = self.equations.flow, self.point.arithmetic
-        every = [flow.sensitivities(arithmetic, self._arguments(each), self.orders, directions) for each in range(self.count)]
+        every = [flow.sensitivities(arithmetic, self._arguments(experiment), self.orders, directions) for experiment in range(self.count)]
         return arb_mat([row for matrices in every for matrix in matrices for row in matrix.tolist()])
 
     def _arguments(self, experiment: int) -> FlowArguments:

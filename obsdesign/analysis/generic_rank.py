@@ -57,8 +57,8 @@ def without_idle_inputs(equations: Equations, around: SamplingRegion) -> Equatio
     The covectors of what is observable to those who know all inputs vanish on their fields at generic states, so everywhere.
     """
     witness = witness_point(equations, around)
-    known = _growth_if_known(equations, around, witness)
-    return equations.with_inputs(*_influential_inputs(equations, known, witness)) if known else equations
+    known_growth = _growth_if_known(equations, around, witness)
+    return equations.with_inputs(*_influential_inputs(equations, known_growth, witness)) if known_growth else equations
 
 
 def witness_point(equations: Equations, region: SamplingRegion) -> EvaluationPoint | None:

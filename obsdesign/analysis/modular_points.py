@@ -29,21 +29,21 @@ def random_modular_point(equations: Equations, seed: int | str) -> EvaluationPoi
     steps, constants = instructions(equations.all_expressions), [as_residue(value) for value in equations.values]
     supports = supports_of(steps)
     state = best = random_residues(n, f"{seed}")
-    reached = -1
+    furthest = -1
     for attempt in range(_DRAWS):
         try:
             nonresidues = _first_root_missing(steps, [[as_residue(value) for value in state], constants])
         except ZeroDivisionError:
-            state, reached = random_residues(n, f"{seed} {attempt}"), -1
+            state, furthest = random_residues(n, f"{seed} {attempt}"), -1
             best = state
             continue
         if nonresidues is None:
             return EvaluationPoint(tuple(state), symbols_at(equations.symbols_used, state, equations.values, has_free_roots=False))
         if not supports[nonresidues]:  # a constant: no state changes it
             break
-        if nonresidues >= reached:
-            best, reached = state, nonresidues
-        state = _redrawn(best, sorted(supports[reached]), f"{seed} {attempt}")
+        if nonresidues >= furthest:
+            best, furthest = state, nonresidues
+        state = _redraw_entry(best, sorted(supports[furthest]), f"{seed} {attempt}")
     return _point_with_free_roots(equations, random_residues(n, f"{seed}"))
 
 
@@ -51,23 +51,23 @@ def _first_root_missing(steps: Sequence[Instruction], arguments: Sequence[Sequen
     """Return the first step that asks for a root that does not exist; None where all do. Raises ZeroDivisionError at a pole."""
     passed: list[Instruction] = []
 
-    def noted() -> Iterator[Instruction]:
+    def record_steps() -> Iterator[Instruction]:
         for step in steps:
             passed.append(step)
             yield step
 
     try:
-        evaluate(noted(), arguments, modular_arithmetic(Symbols()))
+        evaluate(record_steps(), arguments, modular_arithmetic(Symbols()))
     except NoSquareError:
         return len(passed) - 1
     return None
 
 
-def _redrawn(state: Sequence[int], entries: Sequence[int], seed: str) -> list[int]:
+def _redraw_entry(state: Sequence[int], entries: Sequence[int], seed: str) -> list[int]:
     """Return the state with one of the entries drawn anew."""
     value, choice = random_residues(2, seed)
     chosen = entries[choice % len(entries)]
-    return [value if i == chosen else other for i, other in enumerate(state)]
+    return [value if i == chosen else entry for i, entry in enumerate(state)]
 
 
 def modular_point(equations: Equations, state: Sequence[Number]) -> EvaluationPoint:

@@ -19,7 +19,7 @@ from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.modular_points import random_modular_point
-from obsdesign.analysis.vanishing_minors import Eliminated, Point, Rounded, leading, vanishing
+from obsdesign.analysis.vanishing_minors import Elimination, MovablePoint, RoundedNumber, leading_columns, vanishing_points
 from obsdesign.rank.decimal_reading import MAX_ULPS, is_exact, is_residue
 from obsdesign.rank.elimination import Rank, rank_of
 from obsdesign.rank.pivoting import Rows, holds_rank, pivots_of, scales_of
@@ -40,18 +40,18 @@ class RoundingNeighbour:
     moves_constants: bool
 
 
-def constants_within_rounding(equations: Equations) -> list[Rounded]:
+def constants_within_rounding(equations: Equations) -> list[RoundedNumber]:
     """Return the constants of the model that may have been rounded."""
     return [
-        Rounded(True, equations.values.index(number), _rounding_distance(value))
+        RoundedNumber(True, equations.values.index(number), _rounding_distance(value))
         for value, number in equations.readings
         if not is_exact(value)
     ]
 
 
-def states_within_rounding(at: Sequence[float]) -> list[Rounded]:
+def states_within_rounding(at: Sequence[float]) -> list[RoundedNumber]:
     """Return the entries of a point (n,) that may have been rounded."""
-    return [Rounded(False, i, _rounding_distance(value)) for i, value in enumerate(at) if not is_exact(value)]
+    return [RoundedNumber(False, i, _rounding_distance(value)) for i, value in enumerate(at) if not is_exact(value)]
 
 
 def _rounding_distance(value: float) -> Fraction:
@@ -60,7 +60,7 @@ def _rounding_distance(value: float) -> Fraction:
 
 
 def neighbour_within_rounding(
-    equations: Equations, point: EvaluationPoint, numbers: Sequence[Rounded], rank: int, order: int, seed: int
+    equations: Equations, point: EvaluationPoint, numbers: Sequence[RoundedNumber], rank: int, order: int, seed: int
 ) -> RoundingNeighbour | None:
     """Return another rank at a point within rounding; None where there is none, or none is found.
 
@@ -69,9 +69,9 @@ def neighbour_within_rounding(
     """
     is_full = rank == equations.n_queried
     orders = min(2 * equations.n + 12 if equations.n <= _FEW_STATES else max(order, equations.n) + 1, _MAX_ORDER)
-    nominal = Point(Experiments(equations, point, orders, 2 if equations.known_fields else 1, seed))
+    nominal = MovablePoint(Experiments(equations, point, orders, 2 if equations.known_fields else 1, seed))
     with flint.ctx.workprec(_BITS // 4):
-        enclosure = Point(replace(nominal.experiments, orders=order)).within(numbers)
+        enclosure = MovablePoint(replace(nominal.experiments, orders=order)).within(numbers)
         keeps_rank = _has_rank_at_least(enclosure, rank)
         if keeps_rank and (is_full or _keeps_input_rank(nominal, nominal.within(numbers))):
             return None
@@ -88,14 +88,14 @@ def neighbour_within_rounding(
         )
 
 
-def _operations(at: Point, numbers: Sequence[Rounded]) -> int:
+def _operations(at: MovablePoint, numbers: Sequence[RoundedNumber]) -> int:
     """Return about how many multiplications it takes to know what each of the numbers changes."""
     experiments = at.experiments
     return len(numbers) * experiments.count * experiments.orders**2 * experiments.equations.n**2
 
 
 def _neighbour_of_lower_rank(
-    nominal: Point, enclosure: Point, numbers: Sequence[Rounded], rank: int, order: int
+    nominal: MovablePoint, enclosure: MovablePoint, numbers: Sequence[RoundedNumber], rank: int, order: int
 ) -> RoundingNeighbour | None:
     """Return the rank where a pivot of J vanishes.
 
@@ -104,42 +104,46 @@ def _neighbour_of_lower_rank(
     with flint.ctx.workprec(_FEWER_BITS):
         if not _may_be_lower(nominal, numbers, rank, order):
             return None
-    eliminated = _eliminated(nominal, enclosure, rank)
-    for perturbed, pivot_positions, moves_constants in vanishing(nominal, numbers, eliminated, nominal.width) if eliminated else ():
+    elimination = _eliminate(nominal, enclosure, rank)
+    for perturbed, pivot_positions, moves_constants in (
+        vanishing_points(nominal, numbers, elimination, nominal.width) if elimination else ()
+    ):
         remaining = [perturbed[i] for i, _ in pivot_positions]
         lower_rank = rank_of(
-            lambda rows=remaining: rows, nominal.width - nominal.eliminated, nominal.eliminated, confirm=False, precisions=(_BITS,)
+            lambda rows=remaining: rows, nominal.width - nominal.n_eliminated, nominal.n_eliminated, confirm=False, precisions=(_BITS,)
         )
         return RoundingNeighbour(lower_rank, moves_constants)
     return None
 
 
-def _may_be_lower(at: Point, numbers: Sequence[Rounded], rank: int, order: int) -> bool:
+def _may_be_lower(at: MovablePoint, numbers: Sequence[RoundedNumber], rank: int, order: int) -> bool:
     """Return whether a pivot of the fewest rows of J that show the rank vanishes within rounding: more rows only ask for more."""
     while order < at.experiments.orders:
         for count in range(1, at.experiments.count + 1):
-            few = Point(replace(at.experiments, orders=order, count=count))
-            eliminated = _eliminated(few, few.within(numbers), rank)
-            if eliminated:
-                return next(vanishing(few, numbers, eliminated, few.width), None) is not None
+            few = MovablePoint(replace(at.experiments, orders=order, count=count))
+            elimination = _eliminate(few, few.within(numbers), rank)
+            if elimination:
+                return next(vanishing_points(few, numbers, elimination, few.width), None) is not None
         order = order + order // 2 + 1
     return True
 
 
-def _eliminated(at: Point, box: Point, rank: int) -> Eliminated | None:
+def _eliminate(at: MovablePoint, box: MovablePoint, rank: int) -> Elimination | None:
     """Return the pivots of J; None where these are not as many as the rank asks for, or J has no value."""
     rows = box.rows_as_balls()
     if not _are_finite(rows):
         return None
     scales = scales_of(rows)
-    pivots = pivots_of(scales.apply(at.rows()), at.eliminated)
-    if sum(j >= at.eliminated for _, (_, j) in pivots) < rank:
+    pivots = pivots_of(scales.apply(at.rows()), at.n_eliminated)
+    if sum(j >= at.n_eliminated for _, (_, j) in pivots) < rank:
         return None
-    least = sum(j < at.eliminated or size > SMALL_PIVOT for size, (_, j) in pivots)
-    return Eliminated(scales, [pivot for _, pivot in pivots], least)
+    n_certain = sum(j < at.n_eliminated or size > SMALL_PIVOT for size, (_, j) in pivots)
+    return Elimination(scales, [pivot for _, pivot in pivots], n_certain)
 
 
-def _neighbour_of_higher_rank(nominal: Point, enclosure: Point, numbers: Sequence[Rounded], rank: int) -> RoundingNeighbour | None:
+def _neighbour_of_higher_rank(
+    nominal: MovablePoint, enclosure: MovablePoint, numbers: Sequence[RoundedNumber], rank: int
+) -> RoundingNeighbour | None:
     """Return the rank where a pivot of J_w vanishes, if it is higher there.
 
     Columns of J_w without a pivot are combinations of those with one where the rest of J_w vanishes: they are left out.
@@ -147,11 +151,11 @@ def _neighbour_of_higher_rank(nominal: Point, enclosure: Point, numbers: Sequenc
     rows = enclosure.rows_as_balls()
     if not _are_finite(rows):
         return None
-    n_inputs = nominal.eliminated
+    n_inputs = nominal.n_eliminated
     scales = scales_of([row[:n_inputs] for row in rows])
-    pivots = pivots_of(scales.apply(leading(nominal.rows(), n_inputs)), n_inputs)
-    eliminated = Eliminated(scales, [pivot for _, pivot in pivots], sum(size > SMALL_PIVOT for size, _ in pivots))
-    for perturbed, pivot_positions, moves_constants in vanishing(nominal, numbers, eliminated, n_inputs):
+    pivots = pivots_of(scales.apply(leading_columns(nominal.rows(), n_inputs)), n_inputs)
+    elimination = Elimination(scales, [pivot for _, pivot in pivots], sum(size > SMALL_PIVOT for size, _ in pivots))
+    for perturbed, pivot_positions, moves_constants in vanishing_points(nominal, numbers, elimination, n_inputs):
         reduced = [[row[j] for _, j in pivot_positions] + row[n_inputs:] for row in perturbed]
         higher_rank = rank_of(lambda rows=reduced: rows, nominal.width - n_inputs, len(pivot_positions), confirm=False, precisions=(_BITS,))
         if higher_rank.rank > rank:
@@ -159,28 +163,28 @@ def _neighbour_of_higher_rank(nominal: Point, enclosure: Point, numbers: Sequenc
     return None
 
 
-def _has_rank_at_least(points: Point, rank: int) -> bool:
+def _has_rank_at_least(points: MovablePoint, rank: int) -> bool:
     """Return whether the rank of what is asked about is at least so much at all of the points, by proof."""
-    return _rank_at_least(points.rows_as_balls(), points.eliminated, rank)
+    return _rank_at_least(points.rows_as_balls(), points.n_eliminated, rank)
 
 
-def _keeps_input_rank(at: Point, points: Point) -> bool:
+def _keeps_input_rank(at: MovablePoint, points: MovablePoint) -> bool:
     """Return whether the rank of J_w is nowhere less than at the point, by proof."""
-    if not points.eliminated:
+    if not points.n_eliminated:
         return True
-    rows = leading(points.rows_as_balls(), points.eliminated)
-    if _are_finite(rows) and holds_rank(rows, _most_inputs(at.experiments)):
+    rows = leading_columns(points.rows_as_balls(), points.n_eliminated)
+    if _are_finite(rows) and holds_rank(rows, _max_input_rank(at.experiments)):
         return True
     midpoints = [[entry.mid() for entry in row] for row in rows]
-    midpoint_rank = rank_of(lambda: midpoints, points.eliminated, confirm=False, precisions=(flint.ctx.prec,)).rank
+    midpoint_rank = rank_of(lambda: midpoints, points.n_eliminated, confirm=False, precisions=(flint.ctx.prec,)).rank
     return _rank_at_least(rows, 0, midpoint_rank)
 
 
-def _most_inputs(experiments: Experiments) -> int:
+def _max_input_rank(experiments: Experiments) -> int:
     """Return what the rank of J_w is at most with these constants (modulo the prime)."""
     try:
-        there = random_modular_point(experiments.equations, experiments.seed)
-        return replace(experiments, point=there).bound(experiments.orders).n_eliminated
+        modular_point = random_modular_point(experiments.equations, experiments.seed)
+        return replace(experiments, point=modular_point).bound(experiments.orders).n_eliminated
     except ZeroDivisionError:  # a pole
         return experiments.n_eliminated
 

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from obsdesign.analysis.balancing import balanced
+from obsdesign.analysis.balancing import balance_columns
 from obsdesign.sensors.abstract import Point
 from obsdesign.signals import Signal
 
@@ -61,7 +61,7 @@ class HiddenSpace:
         """Return d directions that span the space, in few words each."""
         d = self.null_space.shape[1]
         basis: list[Direction] = []
-        for direction in replace(self, null_space=balanced(self.null_space))._candidates() if d else ():
+        for direction in replace(self, null_space=balance_columns(self.null_space))._candidates() if d else ():
             if len(basis) == d:
                 break
             if _directions_rank([*basis, direction]) > len(basis):

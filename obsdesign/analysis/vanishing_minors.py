@@ -15,11 +15,11 @@ from obsdesign.rank.pivoting import Complement, Pivots, RowColumnScales, Rows, c
 
 _STEP = 96  # of differences: 2^-96 of the distance
 _VANISHED = 1e-6  # of what was left: Newton's method leaves its square
-_FARTHEST = 1.5  # units of rounding: the smallest sum of squares is not the smallest largest step
+_MAX_STEP = 1.5  # units of rounding: the smallest sum of squares is not the smallest largest step
 
 
 @dataclass(frozen=True)
-class Rounded:
+class RoundedNumber:
     """A number that may be rounded: entry `index` of the constants or of the state, and how far it may be from what was meant."""
 
     is_constant: bool
@@ -28,22 +28,22 @@ class Rounded:
 
 
 @dataclass(frozen=True)
-class Eliminated:
-    """Pivots of some columns of J scaled; those from `least` on may be rounding."""
+class Elimination:
+    """Pivots of some columns of J scaled; those from `n_certain` on may be rounding."""
 
     scales: RowColumnScales
     pivots: Pivots
-    least: int
+    n_certain: int
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class MovablePoint:
     """Experiments whose numbers can be moved."""
 
     experiments: Experiments
 
     @property
-    def eliminated(self) -> int:
+    def n_eliminated(self) -> int:
         return self.experiments.n_eliminated
 
     @property
@@ -58,51 +58,53 @@ class Point:
         """Return J with the midpoints of its entries."""
         return [[entry.mid() for entry in row] for row in self.experiments.rows()]
 
-    def moved(self, numbers: Sequence[Rounded], steps: Sequence[Number]) -> Point:
+    def move(self, numbers: Sequence[RoundedNumber], steps: Sequence[Number]) -> MovablePoint:
         """Return the point with the steps added to the numbers."""
-        equations, place = self.experiments.equations, self.experiments.point
+        equations, evaluation_point = self.experiments.equations, self.experiments.point
         values: list[Number] = [*equations.values]
-        state: list[Number] = [*place.state]
+        state: list[Number] = [*evaluation_point.state]
         for number, step in zip(numbers, steps, strict=True):
             entries = values if number.is_constant else state
             entries[number.index] = as_ball(entries[number.index]) + as_ball(step)
         constants = replace(equations, values=tuple(values))
-        return Point(replace(self.experiments, equations=constants, point=replace(place, state=tuple(state))))
+        return MovablePoint(replace(self.experiments, equations=constants, point=replace(evaluation_point, state=tuple(state))))
 
-    def within(self, numbers: Sequence[Rounded]) -> Point:
+    def within(self, numbers: Sequence[RoundedNumber]) -> MovablePoint:
         """Return all points within rounding, as balls."""
-        return self.moved(numbers, [arb(0, as_ball(number.distance)) for number in numbers])
+        return self.move(numbers, [arb(0, as_ball(number.distance)) for number in numbers])
 
 
-def vanishing(at: Point, numbers: Sequence[Rounded], eliminated: Eliminated, width: int) -> Iterator[tuple[Rows, Pivots, bool]]:
+def vanishing_points(
+    at: MovablePoint, numbers: Sequence[RoundedNumber], elimination: Elimination, width: int
+) -> Iterator[tuple[Rows, Pivots, bool]]:
     """Yield J at the points within rounding where what some of the pivots leave of its first columns vanishes, these pivots, and whether
     constants differ there; states are moved first."""
-    scales, pivots = eliminated.scales, eliminated.pivots
-    J = scales.apply(leading(at.rows(), width))
-    first = complement_of(J, pivots[: eliminated.least]) if eliminated.least < len(pivots) else None
+    scales, pivots = elimination.scales, elimination.pivots
+    J = scales.apply(leading_columns(at.rows(), width))
+    first = complement_of(J, pivots[: elimination.n_certain]) if elimination.n_certain < len(pivots) else None
     if first is None:
         return
     states = [number for number in numbers if not number.is_constant]
     changes = dict(zip(numbers, _changes(at, numbers, scales, first), strict=True))
-    for count in range(eliminated.least, len(pivots)):
+    for count in range(elimination.n_certain, len(pivots)):
         complement = complement_of(J, pivots[:count])
         for chosen in (states, numbers) if len(states) < len(numbers) else (states,):
             steps = _steps(complement, first, [changes[number] for number in chosen]) if complement and chosen else None
             if complement and steps:
-                there = at.moved(chosen, [number.distance * Fraction(step) for number, step in zip(chosen, steps, strict=True)])
-                after = complement_of(scales.apply(leading(there.rows(), width)), pivots[:count])
+                neighbour = at.move(chosen, [number.distance * Fraction(step) for number, step in zip(chosen, steps, strict=True)])
+                after = complement_of(scales.apply(leading_columns(neighbour.rows(), width)), pivots[:count])
                 if after and after.size < _VANISHED * complement.size:
-                    yield there.rows_as_balls(), pivots[:count], any(number.is_constant for number in chosen)
+                    yield neighbour.rows_as_balls(), pivots[:count], any(number.is_constant for number in chosen)
 
 
-def _changes(at: Point, numbers: Sequence[Rounded], scales: RowColumnScales, complement: Complement) -> Iterator[arb_mat]:
+def _changes(at: MovablePoint, numbers: Sequence[RoundedNumber], scales: RowColumnScales, complement: Complement) -> Iterator[arb_mat]:
     """Yield for every number the change dJ right, to first order, as it is off by its distance; J scaled."""
     directions = scales.of_directions(complement.right.tolist())
     beyond = [[arb(0)] * complement.right.ncols() for _ in range(at.width - len(directions))]
     along = arb_mat([*directions, *beyond])
     before = at.experiments.along(along)
     for number in numbers:
-        after = at.moved([number], [number.distance / 2**_STEP]).experiments.along(along)
+        after = at.move([number], [number.distance / 2**_STEP]).experiments.along(along)
         yield arb_mat(scales.of_rows(((after - before) * arb(2) ** _STEP).mid().tolist()))
 
 
@@ -116,8 +118,8 @@ def _steps(complement: Complement, first: Complement, changes: Sequence[arb_mat]
     slopes = [[float(entry / complement.size) for entry in complement.slope(change, first)] for change in changes]
     wanted = np.array([-float(entry / complement.size) for entry in complement.value])
     steps = np.linalg.lstsq(np.array(slopes).T, wanted, rcond=1e-12)[0]
-    return [float(step) for step in steps] if np.abs(steps).max() <= _FARTHEST else None
+    return [float(step) for step in steps] if np.abs(steps).max() <= _MAX_STEP else None
 
 
-def leading(rows: Rows, width: int) -> Rows:
+def leading_columns(rows: Rows, width: int) -> Rows:
     return [row[:width] for row in rows]

@@ -11,7 +11,7 @@ from obsdesign.constraints.abstract import Span
 from obsdesign.design.nlp.margin_curves import Intervals, MarginCurves, best_instant, intersect_intervals, margin_curves_of
 from obsdesign.design.nlp.node_functions import NodeFunctions, node_functions_of
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.quintic import least_of_quintic
+from obsdesign.design.quintic import minimise_quintic
 from obsdesign.dynamics.simulation import states_from, substeps_along
 from obsdesign.trajectory import Trajectory
 
@@ -121,7 +121,7 @@ class FinePath:
         u = self.u[every]
         sides = np.array([self.curves.time_derivatives(self.x[every + after], u) for after in (0, 1)])
         begin, end = sides[:, :, place, margin]
-        share, value, error = least_of_quintic(begin, end, np.full(len(which), self.h), low / self.h, high / self.h)
+        share, value, error = minimise_quintic(begin, end, np.full(len(which), self.h), low / self.h, high / self.h)
         tau = share * self.h
         for k in np.flatnonzero((error > _INTERPOLATION_TOLERANCE) & (value - error < _NEAR_MARGIN)):
             tau[k], value[k] = self._minimise_by_halving(int(which[k]), int(margin[k]), float(low[k]), float(high[k]))
@@ -141,7 +141,7 @@ class FinePath:
         derivatives = np.array(self.curves.time_derivatives(self.curves.states(x, u, taus), u))[:, :, j]
         width = float(taus[1] - taus[0])
         count = len(taus) - 1
-        share, value, error = least_of_quintic(
+        share, value, error = minimise_quintic(
             derivatives[:, :-1], derivatives[:, 1:], np.full(count, width), np.zeros(count), np.ones(count)
         )
         k = int(value.argmin())
@@ -158,28 +158,28 @@ def fine_path(problem: DesignProblem, path: Trajectory) -> FinePath:
     Never more coarsely than the path itself: what its sub-steps are too long for is not smooth between the instants either.
     """
     refinement = max(REFINEMENT, substeps_along(problem.system, path))
-    fine = _fine(problem, path, refinement)
-    here = fine.nodes.values(path.x, np.vstack([path.u, path.u[-1:]]))
-    if _margin_difference(here, here, fine.at_nodes(refinement)) <= _COARSE_TOLERANCE:
+    fine = _integrate_finely(problem, path, refinement)
+    nominal = fine.nodes.values(path.x, np.vstack([path.u, path.u[-1:]]))
+    if _margin_difference(nominal, nominal, fine.at_nodes(refinement)) <= _COARSE_TOLERANCE:
         return fine
-    coarse = _fine(problem, path, refinement // 2).at_nodes(refinement // 2)
-    while _margin_difference(here, coarse, fine.at_nodes(refinement)) > 15 * _INTEGRATION_TOLERANCE and refinement < _MAX_REFINEMENT:
+    coarse = _integrate_finely(problem, path, refinement // 2).at_nodes(refinement // 2)
+    while _margin_difference(nominal, coarse, fine.at_nodes(refinement)) > 15 * _INTEGRATION_TOLERANCE and refinement < _MAX_REFINEMENT:
         coarse, refinement = fine.at_nodes(refinement), 2 * refinement
-        fine = _fine(problem, path, refinement)
+        fine = _integrate_finely(problem, path, refinement)
     return fine
 
 
-def _fine(problem: DesignProblem, path: Trajectory, finer: int) -> FinePath:
+def _integrate_finely(problem: DesignProblem, path: Trajectory, refinement: int) -> FinePath:
     model = problem.system.model
-    step, x, u = refine_path(problem, path, finer)
+    step, x, u = refine_path(problem, path, refinement)
     return FinePath(
         margin_curves_of(model, problem.constraints), node_functions_of(model, problem.constraints), np.arange(len(x)) * step, x, u
     )
 
 
-def _margin_difference(here: np.ndarray, first_states: np.ndarray, second_states: np.ndarray) -> float:
+def _margin_difference(nominal: np.ndarray, first_states: np.ndarray, second_states: np.ndarray) -> float:
     """By how much margins (N+1, r) of two sets of states differ, where those of the path are near 0."""
-    return float(np.abs(first_states - second_states)[here < 1.0].max(initial=0.0))
+    return float(np.abs(first_states - second_states)[nominal < 1.0].max(initial=0.0))
 
 
 def refine_path(problem: DesignProblem, path: Trajectory, refinement: int) -> tuple[float, np.ndarray, np.ndarray]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def least_of_quintic(
+def minimise_quintic(
     begin: np.ndarray, end: np.ndarray, h: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return share (K,) of intervals of h (K,) seconds, within [low, high], at which a quintic is least, its value, and an error.
@@ -30,9 +30,9 @@ def least_of_quintic(
     k, columns = values.argmin(axis=0), np.arange(len(h))
     share = shares[k, columns]
     for _ in range(4):
-        slope, bend = _polynomial(_derived(quintic), share), _polynomial(_derived(_derived(quintic)), share)
-        moved = np.where(bend > 0, -slope / np.where(bend > 0, bend, 1.0), 0.0)
-        share = np.clip(share + np.clip(moved, -0.125, 0.125), low, high)
+        slope, curvature = _polynomial(_derivative(quintic), share), _polynomial(_derivative(_derivative(quintic)), share)
+        newton_step = np.where(curvature > 0, -slope / np.where(curvature > 0, curvature, 1.0), 0.0)
+        share = np.clip(share + np.clip(newton_step, -0.125, 0.125), low, high)
     value, at_first = _polynomial(quintic, share), values[k, columns]
     share, value = np.where(value <= at_first, share, shares[k, columns]), np.minimum(value, at_first)
     return share, value, np.abs(_polynomial(cubic, shares) - values).max(axis=0)
@@ -41,10 +41,10 @@ def least_of_quintic(
 def _polynomial(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Values of polynomials, coefficients (degree + 1, K) in rising order."""
     value = coefficients[-1] + 0 * at
-    for each in coefficients[-2::-1]:
-        value = value * at + each
+    for coefficient in coefficients[-2::-1]:
+        value = value * at + coefficient
     return value
 
 
-def _derived(coefficients: np.ndarray) -> np.ndarray:
+def _derivative(coefficients: np.ndarray) -> np.ndarray:
     return coefficients[1:] * np.arange(1, len(coefficients))[:, None]

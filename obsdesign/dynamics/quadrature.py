@@ -25,7 +25,7 @@ class Quadrature:
     """
 
     bound: ca.Function
-    far: np.ndarray  # (n,): how far a state gets at least from a start at 0, 0 for those that nothing moves, inf for others
+    reach: np.ndarray  # (n,): how far a state gets at least from a start at 0, 0 for those that nothing moves, inf for others
 
     def error(self, x: np.ndarray, u: np.ndarray, w: np.ndarray) -> float:
         """Return c in |x_RK4 - x| <= c step^4 |x'| step, and the same for dx/dz and dx/dw, NaN where the graph gives no bound.
@@ -33,22 +33,22 @@ class Quadrature:
         c = max_i sup |d4 g_i / dt4| / (2880 sup |g_i|), the error of Simpson's rule; x (n,) at the start, u (m,), w (p,): the largest
         magnitudes.
         """
-        (x_given, u_given, w_given), found, evaluate, turn = self._evaluation
-        with turn:  # one at a time: the arrays are those of this function
-            np.maximum(x, self.far, out=x_given)
+        (x_given, u_given, w_given), result, evaluate, lock = self._evaluation
+        with lock:  # one at a time: the arrays are those of this function
+            np.maximum(x, self.reach, out=x_given)
             u_given[:], w_given[:] = u, w
             evaluate()
-            return float(found[0])
+            return float(result[0])
 
     @cached_property
     def _evaluation(self) -> tuple[list[np.ndarray], np.ndarray, Callable[[], None], Lock]:
         """Arrays that `bound` reads and writes, and what evaluates it: a call with arrays would take ten times as long."""
         buffer, evaluate = self.bound.buffer()
-        arguments, found = [np.zeros(self.bound.numel_in(i)) for i in range(self.bound.n_in())], np.zeros(1)
+        arguments, result = [np.zeros(self.bound.numel_in(i)) for i in range(self.bound.n_in())], np.zeros(1)
         for i, values in enumerate(arguments):
             buffer.set_arg(i, memoryview(values))  # pyright: ignore
-        buffer.set_res(0, memoryview(found))  # pyright: ignore
-        return arguments, found, partial(_call, buffer, evaluate), Lock()
+        buffer.set_res(0, memoryview(result))  # pyright: ignore
+        return arguments, result, partial(_call, buffer, evaluate), Lock()
 
 
 def _call(_: object, evaluate: Callable[[], None]) -> None:
@@ -77,8 +77,8 @@ def quadrature_of(model: Model) -> Quadrature | None:
         bounds = [_magnitude(value, [x, model.u, model.w], sizes) for value in (fourth, functions)]
     except NotExactError:
         return None
-    far = np.array([0.0 if rate[i].is_constant() and float(rate[i]) == 0 else np.inf for i in range(x.numel())])
-    return Quadrature(ca.Function("bound", sizes, [_ratio(*bounds) / 2880]), far)
+    reach = np.array([0.0 if rate[i].is_constant() and float(rate[i]) == 0 else np.inf for i in range(x.numel())])
+    return Quadrature(ca.Function("bound", sizes, [_ratio(*bounds) / 2880]), reach)
 
 
 def _ratio(fourth: ca.SX, size: ca.SX) -> ca.SX:

@@ -70,16 +70,16 @@ class StepErrors:
     @property
     def is_unstable(self) -> np.ndarray:
         """Whether Phi grows by steps and not by the motion (M,): ln of both growths differ by more than a tenth."""
-        return ~alike(*self.growth.T)
+        return ~grow_alike(*self.growth.T)
 
-    def some(self, rows: np.ndarray) -> StepErrors:
+    def subset(self, rows: np.ndarray) -> StepErrors:
         """Return those of some of the paths."""
         return StepErrors(self.error[rows], self.beyond_rounding[rows], self.amplification[rows], self.growth[rows])
 
 
-def alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def grow_alike(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return whether the logarithms of two growths (M,) are within a tenth, as far as they grow at all."""
-    a, b = (np.log(np.maximum(each, 1.0)) for each in (first, second))
+    a, b = (np.log(np.maximum(growth, 1.0)) for growth in (first, second))
     return np.abs(a - b) <= ALIKE * np.maximum(np.maximum(a, b), 1.0)
 
 
@@ -265,7 +265,7 @@ def _comparison_scan(model: Model, exact_length: float | None, with_rounding: bo
         rounding_effect, rounding_effect_Phi = ca.fabs(rounding_carry_next[0]), rounding_Phi + ca.fabs(rounding_carry_next[1] - Phi_next)
     allowed, allowed_Phi = tolerance * size_next + rounding_x + _TINY, tolerance * size_Phi_next + _TINY
     is_alive_next = is_alive * (ca.fabs(ca.sum1(_column(Phi_next, finer_next, *rounding_carry_next[1:]))) < _HUGE)
-    grown = ca.vertcat(*[ca.mmax(ca.fabs(ca.diag(each[:, :n]))) for each in (Phi_next, finer_next)])
+    grown = ca.vertcat(*[ca.mmax(ca.fabs(ca.diag(transition[:, :n]))) for transition in (Phi_next, finer_next)])
     growth_next = ca.fmax(growth, ca.if_else(is_alive_next, grown, 0))
 
     def worst_error(previous: ca.SX, allowed: ca.SX, allowed_Phi: ca.SX) -> ca.SX:

@@ -12,7 +12,15 @@ import numpy as np
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.quadrature import quadrature_of
 from obsdesign.dynamics.step import CACHE_SIZE, chain_steps, exact_step
-from obsdesign.dynamics.step_comparison import ALIKE, ROUNDING_ALLOWANCE, PathBatch, StepErrors, alike, compare_steps, comparison_operations
+from obsdesign.dynamics.step_comparison import (
+    ALIKE,
+    ROUNDING_ALLOWANCE,
+    PathBatch,
+    StepErrors,
+    compare_steps,
+    comparison_operations,
+    grow_alike,
+)
 from obsdesign.errors import InputError
 
 MAX_SUBSTEPS = 1024  # sub-steps of one step
@@ -34,7 +42,7 @@ class CoarseStepError(InputError):
     def __init__(
         self, step: float, count: int, error: float, tolerance: float, sufficient_step: float | None = None, is_verified: float = np.inf
     ) -> None:
-        self.arguments, self.enough = (step, count, error, tolerance, sufficient_step, is_verified), sufficient_step
+        self.arguments, self.sufficient_step = (step, count, error, tolerance, sufficient_step, is_verified), sufficient_step
         message = f"a step of {step:g} s is too coarse for these dynamics: even {count} sub-steps "
         message += f"miss the tolerance of {tolerance:g} by a factor of {error:.2g}" if isfinite(error) else "leave the finite numbers"
         if sufficient_step is None:
@@ -79,28 +87,30 @@ def substeps_for(paths: PathBatch, tolerance: float) -> np.ndarray:
     model, step = paths.model, paths.step
     upper, exact = max_substeps(model), exact_step(model, step) is not None
     counts = np.ones(len(paths.x), dtype=int)
-    queue = [(np.arange(len(counts)), 1, _Tried(np.full(len(counts), inf), np.zeros(len(counts), dtype=bool), np.zeros(len(counts))))]
+    queue = [(np.arange(len(counts)), 1, _TrialErrors(np.full(len(counts), inf), np.zeros(len(counts), dtype=bool), np.zeros(len(counts))))]
     while queue:
         rows, count, previous_error = queue.pop()
         counts[rows] = count
         if exact and count > 1:
             continue
         batch = paths.subset(rows)
-        now = _substep_errors(batch, count, tolerance, previous_error)
+        current_errors = _substep_errors(batch, count, tolerance, previous_error)
         is_missed, next_counts = (
-            now.error > 1,
-            np.array([2 if exact else min(upper, _increase(count, path_error)) for path_error in now.error]),
+            current_errors.error > 1,
+            np.array([2 if exact else min(upper, _increase(count, path_error)) for path_error in current_errors.error]),
         )
         if is_missed.any() and count >= upper:
-            raise _coarse_step_error(batch.subset(np.flatnonzero(is_missed)[:1]), count, float(now.error[is_missed][0]), tolerance)
+            raise _coarse_step_error(
+                batch.subset(np.flatnonzero(is_missed)[:1]), count, float(current_errors.error[is_missed][0]), tolerance
+            )
         for next_count in np.unique(next_counts[is_missed]):
             is_selected = is_missed & (next_counts == next_count)
-            queue.append((rows[is_selected], int(next_count), now.some(is_selected)))
+            queue.append((rows[is_selected], int(next_count), current_errors.subset(is_selected)))
     return counts
 
 
 @dataclass(frozen=True, eq=False)
-class _Tried:
+class _TrialErrors:
     """What was found with some number of sub-steps (M,): the error in tolerances; whether rounding explains it; how much Phi grows.
 
     growth: 0 where it is not above what rounding is excused for, by far, or where steps are unstable.
@@ -110,19 +120,19 @@ class _Tried:
     rounded: np.ndarray
     growth: np.ndarray
 
-    def some(self, rows: np.ndarray) -> _Tried:
+    def subset(self, rows: np.ndarray) -> _TrialErrors:
         """Return those of some of the paths."""
-        return _Tried(self.error[rows], self.rounded[rows], self.growth[rows])
+        return _TrialErrors(self.error[rows], self.rounded[rows], self.growth[rows])
 
 
-def _substep_errors(paths: PathBatch, count: int, tolerance: float, previous_error: _Tried) -> _Tried:
+def _substep_errors(paths: PathBatch, count: int, tolerance: float, previous_error: _TrialErrors) -> _TrialErrors:
     """Return the errors, with what was found with fewer sub-steps; inf where steps are unstable.
 
-    Rounding is excused for up to two tolerances. Raises RoundedError where it explains the whole error twice in a row, and where Phi
+    Rounding is excused for up to two tolerances. Raises RoundingError where it explains the whole error twice in a row, and where Phi
     makes more of it, by far, twice in a row and alike.
     """
     if count > _MAX_GROWTH and paths.is_simulated and _runs_away(paths, count, tolerance):
-        return _Tried(np.full(len(paths.x), inf), np.zeros(len(paths.x), dtype=bool), np.zeros(len(paths.x)))
+        return _TrialErrors(np.full(len(paths.x), inf), np.zeros(len(paths.x), dtype=bool), np.zeros(len(paths.x)))
     comparison = compare_steps(paths, count, tolerance)
     error = np.where(comparison.is_amplified & comparison.is_unstable, inf, comparison.error)
     is_rounding = np.zeros(len(error), dtype=bool)
@@ -136,20 +146,20 @@ def _substep_errors(paths: PathBatch, count: int, tolerance: float, previous_err
         lost_paths = np.flatnonzero(is_rounding & previous_error.rounded)
         if count > 1 and len(lost_paths):
             raise RoundingError(paths.step, float(error[lost_paths[0]]), tolerance)
-    growth = _far_grown(comparison)
-    lost_paths = (error <= 1) & comparison.is_amplified | (np.minimum(growth, previous_error.growth) > 0) & alike(
+    growth = _large_growth(comparison)
+    lost_paths = (error <= 1) & comparison.is_amplified | (np.minimum(growth, previous_error.growth) > 0) & grow_alike(
         growth, previous_error.growth
     )
     if lost_paths.any():
         raise RoundingError(paths.step, float(comparison.amplification[lost_paths].max()), tolerance)
-    return _Tried(error, is_rounding & (count > 1), growth)
+    return _TrialErrors(error, is_rounding & (count > 1), growth)
 
 
-def _far_grown(found: StepErrors) -> np.ndarray:
+def _large_growth(comparison: StepErrors) -> np.ndarray:
     """Return how much Phi grows (M,) where that is above what rounding is excused for by more than growths that are alike differ."""
-    growth = found.growth.min(axis=1)
-    far = found.amplification > (ROUNDING_ALLOWANCE + 1) * np.maximum(growth, 1.0) ** ALIKE
-    return np.where(far & ~found.is_unstable, growth, 0.0)
+    growth = comparison.growth.min(axis=1)
+    far = comparison.amplification > (ROUNDING_ALLOWANCE + 1) * np.maximum(growth, 1.0) ** ALIKE
+    return np.where(far & ~comparison.is_unstable, growth, 0.0)
 
 
 def _runs_away(paths: PathBatch, count: int, tolerance: float) -> bool:
@@ -181,12 +191,12 @@ def _coarse_step_error(paths: PathBatch, count: int, error: float, tolerance: fl
         steps = split.all_inputs.shape[-2]
         whole = steps == parts * paths.all_inputs.shape[-2]
         if steps * operations_per_step > 2 * _MAX_TRIAL_OPERATIONS or not (whole or failed):
-            estimate = estimate or _at_first(split, count, current_error, tolerance, parts * paths.all_inputs.shape[-2])
+            estimate = estimate or _step_from_beginning(split, count, current_error, tolerance, parts * paths.all_inputs.shape[-2])
             break
-        previous_error, found = current_error, compare_steps(split, count, tolerance)
-        current_error = float(found.error[0])
+        previous_error, comparison = current_error, compare_steps(split, count, tolerance)
+        current_error = float(comparison.error[0])
         estimate = _estimate_step(split.step, current_error, tolerance) or estimate
-        if current_error <= 1 and (whole or found.growth.max() <= _CALM):
+        if current_error <= 1 and (whole or comparison.growth.max() <= _CALM):
             return CoarseStepError(paths.step, count, error, tolerance, split.step, inf if whole else steps * split.step)
         if current_error <= 1:  # it may not do later on
             break
@@ -196,12 +206,12 @@ def _coarse_step_error(paths: PathBatch, count: int, error: float, tolerance: fl
     return CoarseStepError(paths.step, count, error, tolerance, estimate, 0.0)
 
 
-def _at_first(walks: PathBatch, count: int, before: float, tolerance: float, steps: int) -> float | None:
+def _step_from_beginning(paths: PathBatch, count: int, previous_error: float, tolerance: float, steps: int) -> float | None:
     """Return a step that would do if so many steps add errors as the first do, None where a longer one left the finite numbers."""
-    if not isfinite(before):
+    if not isfinite(previous_error):
         return None
-    error = float(compare_steps(walks.beginning(_FIRST_STEPS, 1), count, tolerance).error[0]) * max(1.0, steps / _FIRST_STEPS)
-    return walks.step if error <= 1 else _estimate_step(walks.step, error, tolerance)
+    error = float(compare_steps(paths.beginning(_FIRST_STEPS, 1), count, tolerance).error[0]) * max(1.0, steps / _FIRST_STEPS)
+    return paths.step if error <= 1 else _estimate_step(paths.step, error, tolerance)
 
 
 def _estimate_step(step: float, error: float, tolerance: float) -> float | None:
@@ -226,13 +236,13 @@ def substeps_from(
     if count <= 1:
         return np.ones(len(starts), dtype=int)
     if count > 1:  # not all with one: each on its own
-        each = [np.broadcast_to(size, (len(starts), size.shape[-1])) for size in sizes]
-        error = np.array([bound.error(*own) for own in zip(*each, strict=True)])
+        path_sizes = [np.broadcast_to(size, (len(starts), size.shape[-1])) for size in sizes]
+        error = np.array([bound.error(*sizes_of_path) for sizes_of_path in zip(*path_sizes, strict=True)])
     counts = np.broadcast_to(step * (np.asarray(error) / tolerance) ** 0.25, len(starts)) * (1 - 1e-12)
     if not np.isfinite(counts).all():
         return None
-    if (most := float(counts.max())) > MAX_SUBSTEPS:
-        raise CoarseStepError(step, MAX_SUBSTEPS, (most / MAX_SUBSTEPS) ** 4, tolerance, step / ceil(most / MAX_SUBSTEPS))
+    if (max_count := float(counts.max())) > MAX_SUBSTEPS:
+        raise CoarseStepError(step, MAX_SUBSTEPS, (max_count / MAX_SUBSTEPS) ** 4, tolerance, step / ceil(max_count / MAX_SUBSTEPS))
     return np.maximum(1, np.ceil(counts)).astype(int)
 
 

@@ -194,6 +194,6 @@ def with_samples(
         blocks = blocks.copy()
         blocks[:, list(samples.colour.sensor_indices)] = samples.amounts(np.arange(len(blocks)))
     blocks.setflags(write=False)
-    found = object.__new__(Information)
-    vars(found).update(blocks=blocks, names=names, transition=transition, samples=samples, origin=origin)
-    return found
+    information = object.__new__(Information)
+    vars(information).update(blocks=blocks, names=names, transition=transition, samples=samples, origin=origin)
+    return information

@@ -17,8 +17,7 @@ from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.certificate import certify, failure_schedule, hidden_schedule, reject
-from obsdesign.selection.integer.best_first_search import finished
-from obsdesign.selection.integer.best_first_search import serves as serves_best_first
+from obsdesign.selection.integer.best_first_search import continue_best_first, supports_best_first
 from obsdesign.selection.integer.eigenvector_cuts import cut_note, is_integer_program, solve_by_cuts
 from obsdesign.selection.integer.rounding import purify
 from obsdesign.selection.integer.search import (
@@ -38,7 +37,7 @@ from obsdesign.selection.relaxation.column_generation import (
     RelaxedSolution,
     is_gap_closed,
     observable_mixture,
-    raised,
+    solve_regularised,
     solve_relaxation,
     uniform_mixture,
 )
@@ -131,9 +130,9 @@ def solve_selection(
         return hidden_schedule(instance, hidden, throw)
     relaxation, notes = _relaxation(instance, options, initial_duals)
     if relaxation is None and not instance.criterion.is_smallest_eigenvalue:
-        relaxation, notes = raised(instance, 1e-8), ()
+        relaxation, notes = solve_regularised(instance, 1e-8), ()
     if relaxation is None:
-        return _unanswered(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _is_observable(instance))
+        return _failure(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _is_observable(instance))
     vertex = purify(instance, relaxation)
     incumbent = find_incumbent(instance, relaxation, vertex, options, clock)
     all_schedules = enumerable_problem(instance) if options.method == "auto" else None
@@ -141,24 +140,24 @@ def solve_selection(
         incumbent = enumerate_all(instance, relaxation, all_schedules, incumbent, options)
     elif options.method == "auto" and is_tractable(instance):
         cuts = options.time_limit is not None and is_integer_program(instance)
-        clock = replace(clock, has_finisher=serves_best_first(instance) or cuts)
+        clock = replace(clock, has_finisher=supports_best_first(instance) or cuts)
         incumbent = search_neighbourhoods(instance, relaxation, incumbent, options, clock)
         incumbent = prove_optimality(instance, relaxation, incumbent, options, clock)
-        if serves_best_first(instance) and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
-            incumbent = finished(instance, relaxation, incumbent, options, clock)
+        if supports_best_first(instance) and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
+            incumbent = continue_best_first(instance, relaxation, incumbent, options, clock)
         if cuts and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
             result = solve_by_cuts(instance, relaxation, (incumbent.chosen, incumbent.value), options.gap, clock.seconds_left)
             notes = (*notes, cut_note(result)) if result.bound < incumbent.bound else notes
             incumbent = Incumbent(result.chosen, result.value, min(incumbent.bound, result.bound), incumbent.nodes)
     _require_information(instance, rules, incumbent)
     if not np.isfinite(incumbent.value):
-        return _unanswered(instance, throw, all_schedules is not None or incumbent.bound == -np.inf or not _is_observable(instance))
+        return _failure(instance, throw, all_schedules is not None or incumbent.bound == -np.inf or not _is_observable(instance))
     return certify(instance, relaxation.dual, vertex.fractional_segments, incumbent, options.gap, notes)
 
 
-def _unanswered(instance: SelectionProblem, throw: bool, is_nothing: bool) -> Schedule:
+def _failure(instance: SelectionProblem, throw: bool, is_hopeless: bool) -> Schedule:
     """What is said without a schedule of finite value: that every one is -inf, or that none was found."""
-    if is_nothing:
+    if is_hopeless:
         return reject(instance, throw)
     if throw:
         raise SolveError("sensor selection", Status.NUMERICAL_ERROR)

@@ -26,10 +26,10 @@ class InputMap:
     def line(self) -> tuple[np.ndarray, np.ndarray]:
         """Offset (N m,) and slope (N m, q) of inputs that are linear in their parameters."""
         nowhere = np.zeros(self.value.size1_in(0))
-        found = self.value(nowhere).full().ravel(), self.jacobian(nowhere).full()
-        for each in found:
-            each.flags.writeable = False  # they are shared
-        return found
+        offset_and_slope = self.value(nowhere).full().ravel(), self.jacobian(nowhere).full()
+        for values in offset_and_slope:
+            values.flags.writeable = False  # they are shared
+        return offset_and_slope
 
 
 @lru_cache(CACHE_SIZE)

@@ -87,7 +87,7 @@ def explore_tree(
     gap: float,
     limits: TreeLimits,
 ) -> TreeResult:
-    """Return the best of the walks and the incumbent, proven to within gap where the effort suffices.
+    """Return the best of the remaining schedules and the incumbent, proven to within gap where the effort suffices.
 
     A front is a set of partial schedules; the relaxation of the best of them gives duals that bound them all, and says on which
     segment to branch: on the one whose undecided share moves the information most. Ends early after the first better schedule:

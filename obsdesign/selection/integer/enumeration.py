@@ -26,7 +26,7 @@ class _PartialSchedules:
 
 
 def count_schedules(reduced: ReducedProblem) -> float:
-    """Return how many schedules the walks are."""
+    """Return how many schedules of the reduced problem there are."""
     counts = np.zeros(reduced.state_count)
     counts[reduced.initial_state] = 1.0
     for layer in reduced.layers:
@@ -39,7 +39,10 @@ def count_schedules(reduced: ReducedProblem) -> float:
 def enumerate_schedules(
     instance: SelectionProblem, reduced: ReducedProblem, duals: list[Dual], incumbent: tuple[np.ndarray, float], gap: float
 ) -> TreeResult:
-    """Return the best of the walks and the incumbent: every schedule is added up, and judged where no dual's price is below the best."""
+    """Return the best of the remaining schedules and the incumbent.
+
+    Every schedule is added up, and judged where no dual's price is below the best.
+    """
     reduced = reduced if reduced.is_linked else replace(reduced, layers=_sort_layers(reduced, duals))
     duals = duals[:_SCREENING_DUALS]
     Y = np.stack([price_vector(dual) for dual in duals], axis=1)

@@ -52,7 +52,7 @@ class ReducedProblem:
     completion_cache: dict[Dual, list[np.ndarray]] = field(default_factory=dict, repr=False)
 
     def without(self, index: int) -> ReducedProblem:
-        """Return the walks that are left when a layer has been taken."""
+        """Return the problem that is left when a layer has been decided."""
         layers = self.layers[:index] + self.layers[index + 1 :]
         return ReducedProblem(
             self.base,

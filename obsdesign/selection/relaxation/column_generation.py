@@ -19,7 +19,7 @@ _MAX_IDLE_ROUNDS = 12  # rounds after which a column without a share is dropped 
 _EARLY_ROUNDS = 40  # within which every direction that can be seen is expected to be; see _ROUNDS
 _STALL_ROUNDS, _STALL_RATIO = 15, 0.9  # rounds within which a gap is expected to fall by so much, where climbs have to end in time
 _MIXTURE_SIZE = 64  # schedules whose even mixture stands for relaxed choices
-_RAISED = (1e-9, 1e-7)  # of what all sensors know of a state: what a solver can tell from nothing
+_REGULARISATIONS = (1e-9, 1e-7)  # of what all sensors know of a state: what a solver can tell from nothing
 _MIN_POOL_SIZE = 60  # ... where there are more than so many
 
 
@@ -98,22 +98,24 @@ def observable_mixture(instance: SelectionProblem) -> RelaxedSolution | None:
     return solve_relaxation(without_switching, 0.5, rounds=_EARLY_ROUNDS + 4 * instance.block_vectors.shape[2])
 
 
-def raised(instance: SelectionProblem, gap: float) -> RelaxedSolution | None:
+def solve_regularised(instance: SelectionProblem, gap: float) -> RelaxedSolution | None:
     """Return the relaxation for a criterion that is -inf for every mixture, as far as a solver can tell; None where it fails, too.
 
     With d T more known, T the diagonal of all information and d small, the criterion is no smaller for any schedule: criterion(V) <=
     criterion(V + d T) <= <V, Z> + (offset + d <T, Z>). So the duals bound the problem itself, loosely where what is known is far below d.
     """
     T = np.diagonal(instance.all_information, axis1=1, axis2=2).max(axis=0)
-    for share in _RAISED:
-        more = share * np.diag(np.where(T > 0, T, 1.0))
-        found = solve_relaxation(replace(instance, known_information=instance.known_information + more), gap)
-        if found is None:
+    for share in _REGULARISATIONS:
+        addition = share * np.diag(np.where(T > 0, T, 1.0))
+        relaxation = solve_relaxation(replace(instance, known_information=instance.known_information + addition), gap)
+        if relaxation is None:
             continue
-        met = [(replace(dual, offset=dual.offset + float(np.sum(dual.Z * more))), bound) for dual, bound in found.evaluated_duals]
-        dual, bound = min(met, key=lambda each: each[1])
-        columns = [column_of(instance, column.chosen) for column in found.columns]
-        return RelaxedSolution(columns, found.shares, -np.inf, dual, bound, found.rounds, met)
+        evaluated_duals = [
+            (replace(dual, offset=dual.offset + float(np.sum(dual.Z * addition))), bound) for dual, bound in relaxation.evaluated_duals
+        ]
+        dual, bound = min(evaluated_duals, key=lambda pair: pair[1])
+        columns = [column_of(instance, column.chosen) for column in relaxation.columns]
+        return RelaxedSolution(columns, relaxation.shares, -np.inf, dual, bound, relaxation.rounds, evaluated_duals)
     return None
 
 
