@@ -852,6 +852,26 @@ def test_the_atom_at_its_optimum_is_the_value(kind: str):
 @each("CRITERIA")
 @few
 @given(n=st.integers(1, 5), seed=seeds)
+def test_ratios_of_a_criterion_mean_something_where_it_says_so(kind: str, n: int, seed: int):
+    """value(4 W) is 4 value(W) or value(W) / 4; and a gap is a share where values do not differ by a constant of the units."""
+    for measure in examples("CRITERIA", kind):
+        criterion, (W, _) = measure.criterion, information(n, seed)
+        ratio = criterion.value(4 * W) / criterion.value(W)
+        assert criterion.label
+        assert criterion.symbol
+        if criterion.scales_with_information:
+            assert min(abs(ratio - 4.0), abs(ratio - 0.25)) < 1e-9
+            assert criterion.gap_kind == "relative"
+
+
+def test_no_two_criteria_are_called_the_same():
+    labels = [measure.criterion.label for kind in kinds(criteria) for measure in CRITERIA[kind][:1]]
+    assert len(set(labels)) == len(labels)
+
+
+@each("CRITERIA")
+@few
+@given(n=st.integers(1, 5), seed=seeds)
 def test_more_information_is_never_worse(kind: str, n: int, seed: int):
     for measure in examples("CRITERIA", kind):
         W, _ = information(n, seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -24,6 +24,16 @@ class Knowledge:
 
 class AbstractCriterion(ABC):
     """A number that says how good an information matrix W (n, n) is; larger is better. Leaves are final, one file each."""
+
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """What sentences and tables call the number: λmin, log det."""
+
+    @property
+    @abstractmethod
+    def symbol(self) -> str:
+        """What drawings call it: the label, or Matplotlib's TeX of it."""
 
     @property
     @abstractmethod
@@ -48,9 +58,14 @@ class AbstractCriterion(ABC):
         """Two values nearer than this are one: 0 for a number that scales with W, whose differences are judged relatively."""
 
     @property
-    def is_relative(self) -> bool:
-        """Whether a value and its bound are compared by a share, (bound - value) / |bound|, or else by bound - value."""
-        return self.resolution == 0
+    @abstractmethod
+    def scales_with_information(self) -> bool:
+        """Whether ratios of values mean anything: value(c W) is c value(W) or value(W) / c."""
+
+    @property
+    def gap_kind(self) -> Literal["relative", "absolute"]:
+        """How a value and its bound are compared: relative, (bound - value) / |bound|, or absolute, bound - value."""
+        return "relative" if self.resolution == 0 else "absolute"
 
     @property
     @abstractmethod

@@ -23,6 +23,14 @@ class LogDet(AbstractCriterion):
     """
 
     @property
+    def label(self) -> str:
+        return "log det"
+
+    @property
+    def symbol(self) -> str:
+        return self.label
+
+    @property
     def knowledge(self) -> None:
         return None
 
@@ -42,6 +50,10 @@ class LogDet(AbstractCriterion):
     @property
     def resolution(self) -> float:
         return 1e-6
+
+    @property
+    def scales_with_information(self) -> bool:
+        return False
 
     @property
     def is_smallest_eigenvalue(self) -> bool:

@@ -25,6 +25,14 @@ class MinEigenvalue(AbstractCriterion):
     """
 
     @property
+    def label(self) -> str:
+        return "λmin"
+
+    @property
+    def symbol(self) -> str:
+        return r"$\lambda_{min}$"
+
+    @property
     def knowledge(self) -> None:
         return None
 
@@ -43,6 +51,10 @@ class MinEigenvalue(AbstractCriterion):
     @property
     def resolution(self) -> float:
         return 0.0
+
+    @property
+    def scales_with_information(self) -> bool:
+        return True
 
     @property
     def is_smallest_eigenvalue(self) -> bool:

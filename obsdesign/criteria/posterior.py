@@ -44,6 +44,14 @@ class Posterior(AbstractCriterion):
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
 
     @property
+    def label(self) -> str:
+        return "posterior"
+
+    @property
+    def symbol(self) -> str:
+        return self.label
+
+    @property
     def knowledge(self) -> Knowledge:
         return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs)
 
@@ -59,6 +67,10 @@ class Posterior(AbstractCriterion):
     @property
     def resolution(self) -> float:
         return self.criterion.resolution
+
+    @property
+    def scales_with_information(self) -> bool:
+        return False  # what is known beforehand does not grow with the samples
 
     @property
     def is_smallest_eigenvalue(self) -> bool:

@@ -23,6 +23,14 @@ class TraceInverse(AbstractCriterion):
     """
 
     @property
+    def label(self) -> str:
+        return "−tr (S W S)⁻¹"
+
+    @property
+    def symbol(self) -> str:
+        return self.label
+
+    @property
     def knowledge(self) -> None:
         return None
 
@@ -44,6 +52,10 @@ class TraceInverse(AbstractCriterion):
     @property
     def resolution(self) -> float:
         return 0.0
+
+    @property
+    def scales_with_information(self) -> bool:
+        return True
 
     @property
     def is_smallest_eigenvalue(self) -> bool:

@@ -58,15 +58,19 @@ def clean_eigenvalues(quality: Quality) -> np.ndarray:
 
 
 def value_of(study: Study, quality: Quality) -> float:
-    """Return the criterion, as if a smallest eigenvalue that is round-off were 0."""
-    if uses_smallest_eigenvalue(study):
+    """Return the criterion, as if eigenvalues that are round-off were 0."""
+    if judged_by_eigenvalue(study):
         return quality.value if quality.value > numerical_zero(quality.eigenvalues) else 0.0
-    return quality.value if clean_eigenvalues(quality)[0] > 0 or study.scenario.design.about else float("-inf")
+    criterion, eigenvalues = study.scenario.criterion, clean_eigenvalues(quality)
+    if criterion.knowledge is not None or study.scenario.design.about:
+        return quality.value
+    return quality.value if np.isfinite(criterion.value(np.diag(eigenvalues))) else float("-inf")
 
 
-def uses_smallest_eigenvalue(study: Study) -> bool:
-    """Whether the criterion of the design is the smallest eigenvalue."""
-    return study.scenario.design.criterion == "min_eigenvalue"
+def judged_by_eigenvalue(study: Study) -> bool:
+    """Whether the criterion of the design is the smallest eigenvalue of what the samples say."""
+    criterion = study.scenario.criterion
+    return criterion.is_smallest_eigenvalue and criterion.knowledge is None
 
 
 def is_about_all_states(study: Study) -> bool:
@@ -81,7 +85,7 @@ def segment_nodes(study: Study) -> np.ndarray:
 
 def zero_round_off(study: Study, value: float) -> float:
     """Return the value of a schedule, 0 for a smallest eigenvalue that cannot be told from 0."""
-    if study.scenario.selection.criterion != "min_eigenvalue":
+    if not study.scenario.schedule_criterion.is_smallest_eigenvalue:
         return value
     total = np.linalg.eigvalsh(study.problem.scaled(study.main.information.total))
     return 0.0 if 0 < abs(value) <= 10 * numerical_zero(total) else value

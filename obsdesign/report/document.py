@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from obsdesign.report.expectations import Expectation
 
-SCHEMA_VERSION = "1.4"
+SCHEMA_VERSION = "1.5"
 
 
 def _null_if_infinite(value: Any) -> Any:  # noqa: ANN401
@@ -168,7 +168,9 @@ class ParetoPart(_DocumentPart):
 class SelectionPart(_DocumentPart):
     """The sensor schedule along a path."""
 
-    criterion: str = Field(description="min_eigenvalue, log_det or trace_inverse of S W S, less what switching costs")
+    criterion: str = Field(description="kind of the criterion of S W S, from which what switching costs is taken off")
+    criterion_label: str = Field(description="what sentences call it")
+    gap_kind: Literal["relative", "absolute"] = Field(description="whether the gap is a share of the bound or a difference")
     per_segment: int
     robust_to: int = Field(description="how many sensors may be lost: the value is that of the worst loss")
     rules: list[str]
@@ -182,7 +184,7 @@ class SelectionPart(_DocumentPart):
     )
     bound: Number = Field(description="no schedule that keeps the rules is better than this")
     root_bound: Number
-    gap: Number = Field(description="(bound - value) / |bound|; bound - value for log_det")
+    gap: Number = Field(description="(bound - value) / |bound|, or bound - value where gap_kind is absolute")
     fractional_segments: int
     nodes: int = Field(description="partial schedules that the proof looked at")
     notes: list[str] = Field(description="what went otherwise than planned")

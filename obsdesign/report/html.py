@@ -25,7 +25,7 @@ from obsdesign.report.figures.raster import raster_figure
 from obsdesign.report.figures.regret import regret_figure
 from obsdesign.report.figures.rivals import rivals_figure
 from obsdesign.report.figures.spectrum import spectrum_figure
-from obsdesign.report.names import gap_in_words, path_in_words
+from obsdesign.report.names import criterion_name, gap_in_words, path_in_words
 from obsdesign.report.number_format import numeral, percent, plain
 from obsdesign.report.sections import codesign as codesign_section
 from obsdesign.report.sections import flight as flight_section
@@ -135,9 +135,7 @@ def _headline(study: Study) -> tuple[KeyNumber, ...]:
 
 def _headline_along(study: Study) -> tuple[KeyNumber, ...]:
     value, path = facts.value_of(study, study.main.qualities[0]), path_in_words(study.about)
-    how = KeyNumber(
-        f"how{facts.drawing_suffix(study)}" if study.designs else "how", numeral(value), f"{wording.criterion_name(study)} of {path}"
-    )
+    how = KeyNumber(f"how{facts.drawing_suffix(study)}" if study.designs else "how", numeral(value), f"{criterion_name(study)} of {path}")
     on = "" if study.designs or len(study.candidates) == 1 else f", {path}"
     which = KeyNumber(f"which{facts.drawing_suffix(study)}", gap_in_words(study), f"gap between schedule and bound{on}")
     first = () if on else (how,)

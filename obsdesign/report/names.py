@@ -11,8 +11,6 @@ from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
 from obsdesign.signals import Signal
 from obsdesign.study.record import Study
 
-CRITERIA = {"min_eigenvalue": "λmin", "log_det": "log det", "trace_inverse": "−tr (S W S)⁻¹"}
-
 # what a path does that breaks a limit, by the limit's name as messages call it
 _VIOLATION_TEXTS = {
     "Goal": "misses the goal",
@@ -39,21 +37,31 @@ def path_in_words(name: str) -> str:
     return words.get(name, f"the path {name}" if " " in name else f"the {name} path")
 
 
-def schedule_criterion(study: Study, tex: bool = False) -> str:
-    """Return what the value of a schedule is called; tex: in a drawing."""
-    kind = study.scenario.selection.criterion
-    return r"$\lambda_{min}$" if tex and kind == "min_eigenvalue" else CRITERIA[kind]
+def criterion_name(study: Study) -> str:
+    """Return what the value of a path is called."""
+    name, about = study.scenario.criterion.label, study.scenario.design.about
+    return f"{name} about {', '.join(about)}" if about else name
+
+
+def schedule_criterion(study: Study) -> str:
+    """Return what the value of a schedule is called."""
+    return study.scenario.schedule_criterion.label
+
+
+def has_relative_gap(study: Study) -> bool:
+    """Whether the gap of a schedule is a share of its bound."""
+    return study.scenario.schedule_criterion.gap_kind == "relative"
 
 
 def gap_in_words(study: Study) -> str:
     """Return the gap of the schedule: a share of the bound, or a difference where those count."""
     gap = study.selection.schedule.gap
-    return percent(gap) if study.scenario.schedule_criterion.is_relative else numeral(gap)
+    return percent(gap) if has_relative_gap(study) else numeral(gap)
 
 
 def gap_formula(study: Study) -> str:
     """Return what the gap is, as its criterion counts differences."""
-    return "gap = (bound − value) / |bound|" if study.scenario.schedule_criterion.is_relative else "gap = bound − value"
+    return "gap = (bound − value) / |bound|" if has_relative_gap(study) else "gap = bound − value"
 
 
 def violation_in_words(violation: Violation) -> str:

@@ -11,10 +11,9 @@ from obsdesign.analysis.verdict import Verdict
 from obsdesign.estimation.validation import CONSISTENT_SHARE
 from obsdesign.information.contribution_shares import shortest_bulk
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import path_in_words, violations_in_words
+from obsdesign.report.names import criterion_name, path_in_words, violations_in_words
 from obsdesign.report.number_format import MINUS, NARROW, display_unit, numeral, plain, signal_label, typeset
 from obsdesign.report.sections.design import objective_name
-from obsdesign.report.wording import criterion_name
 from obsdesign.signals import Signal
 from obsdesign.study.record import Analysis, Candidate, FilterCheck, Quality, Study
 
@@ -83,7 +82,7 @@ def hidden_table(study: Study, analysis: Analysis) -> Table:
 def paths_table(study: Study) -> Table:
     """Value, smallest eigenvalues, Cramér-Rao bounds, feasibility and cap of every path for every suite."""
     name = criterion_name(study)
-    values = (f"{name} [–]", *(() if name == "λmin" else ("λmin [–]",)), "second [–]")
+    values = (f"{name} [–]", *(() if _value_is_eigenvalue(study) else ("λmin [–]",)), "second [–]")
     cap, sensors = ("below its cap [%]",) if _has_cap(study) else (), ("sensors",) if len(study.suites) > 1 else ()
     states = tuple(signal_label(signal) for signal in facts.states_of(study))
     durations = ("duration [s]",) if _durations_differ(study) else ()
@@ -195,7 +194,7 @@ def _component(value: float, signal: Signal) -> str:
 
 def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cell, ...]:
     values = facts.clean_eigenvalues(quality)
-    shown = values[1:2] if criterion_name(study) == "λmin" else values[:2]
+    shown = values[1:2] if _value_is_eigenvalue(study) else values[:2]
     violations = candidate.violations
     limits = Cell(f"no: {violations_in_words(violations)}", "bad") if violations else Cell("yes", "good")
     return (
@@ -208,6 +207,11 @@ def _path_row(study: Study, candidate: Candidate, quality: Quality) -> tuple[Cel
         *((limits,) if _has_limits(study) else ()),
         *([_cap_cell(study, candidate, quality)] if _has_cap(study) else []),
     )
+
+
+def _value_is_eigenvalue(study: Study) -> bool:
+    """Whether the value of a path is the first of the eigenvalues that its row shows."""
+    return facts.judged_by_eigenvalue(study) and facts.is_about_all_states(study)
 
 
 def _has_limits(study: Study) -> bool:

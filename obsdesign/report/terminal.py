@@ -10,8 +10,6 @@ from rich.table import Table
 from obsdesign.report.document import DesignPart, Result, SelectionPart, ValidationPart
 from obsdesign.status import Status
 
-_CRITERIA = {"min_eigenvalue": "smallest eigenvalue"}
-
 
 def summary_of(result: Result) -> Group:
     """Return what a terminal shows of a result: what is hidden, the paths, the schedules, the filter."""
@@ -62,13 +60,12 @@ def _cap(suite: str, design: DesignPart) -> str:
 
 
 def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> Table:
-    name = _CRITERIA.get(selection.criterion, selection.criterion)
     of = f" {path}:" if path else ""
-    table = _table(f"{title}{of} ({name} of S W S: more is better; no unit)", "schedule", "value")
+    table = _table(f"{title}{of} ({selection.criterion_label} of S W S: more is better; no unit)", "schedule", "value")
     table.add_row("chosen", _number(selection.value))
     if selection.exact_value is not None:
         table.add_row("chosen, all its samples together (the others: counted from below)", _number(selection.exact_value))
-    gap = "none" if selection.gap is None else f"{selection.gap:.3g}" if selection.criterion == "log_det" else f"{selection.gap:.2%}"
+    gap = "none" if selection.gap is None else f"{selection.gap:.3g}" if selection.gap_kind == "absolute" else f"{selection.gap:.2%}"
     table.add_row("no schedule is above", f"{_number(selection.bound)} (gap {gap})")
     for naive_name, value in selection.naive.items():
         table.add_row(naive_name + (" (breaks the rules)" if selection.broken[naive_name] else ""), _number(value))

@@ -190,6 +190,8 @@ def _selection(study: Study) -> SelectionPart:
     schedule, random = selection.schedule, selection.random_values
     return SelectionPart(
         criterion=settings.criterion,
+        criterion_label=study.scenario.schedule_criterion.label,
+        gap_kind=study.scenario.schedule_criterion.gap_kind,
         per_segment=settings.per_segment,
         robust_to=settings.robust_to,
         rules=[str(rule) for rule in settings.rules],

@@ -5,19 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import CRITERIA, path_in_words
+from obsdesign.report.names import criterion_name, path_in_words
 from obsdesign.report.number_format import NARROW, join, numeral, percent, plain, typeset, with_unit
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.study.record import FilterCheck, Study
 
 _FEW = 2  # manoeuvres that are told one by one
-
-
-def criterion_name(study: Study) -> str:
-    """Return what the value of a path is called."""
-    kind, about = study.scenario.design.criterion, study.scenario.design.about
-    name = CRITERIA.get(kind, kind.replace("_", " "))
-    return f"{name} about {', '.join(about)}" if about else name
 
 
 def study_answer(study: Study) -> str:
@@ -131,16 +124,16 @@ def _value(study: Study, path: str) -> float:
 
 def _gain(study: Study, ours: float, theirs: float) -> str:
     """Compare two values of the criterion in words that suit it."""
-    if study.scenario.design.criterion in ("log_det", "posterior") or theirs in (0.0, float("-inf")):
+    if not study.scenario.criterion.scales_with_information or ours * theirs <= 0 or not np.isfinite(theirs):
         return f"against {numeral(theirs)} for"
     if ours < 0:
-        return f"a sum of variances {numeral(theirs / ours)} times smaller than for"
+        return f"{numeral(theirs / ours)} times nearer to 0 than for"
     return f"{numeral(ours / theirs)} times that of"
 
 
 def cap_notes(study: Study) -> tuple[str, ...]:
     """Say for each suite how near its designed path comes to what no path can exceed, and why the others stay below."""
-    return tuple(_cap(study, i) for i in range(len(study.suites))) if facts.uses_smallest_eigenvalue(study) else ()
+    return tuple(_cap(study, i) for i in range(len(study.suites))) if facts.judged_by_eigenvalue(study) else ()
 
 
 def _cap(study: Study, i: int) -> str:

@@ -8,7 +8,6 @@ from matplotlib.ticker import MaxNLocator
 
 from obsdesign.report.derived_quantities import drawing_suffix
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, legend_below, light_grid
-from obsdesign.report.names import schedule_criterion
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.study.record import Study
 from obsdesign.study.schedules import segments_of
@@ -36,7 +35,7 @@ def front_figure(study: Study) -> str:
         ring = {"linestyle": "none", "marker": "o", "markersize": 10, "markerfacecolor": "none", "markeredgewidth": 1.6}
         axes.plot(spent, study.selection.schedule.value, color=VERMILLION, label="chosen", **ring)
         axes.axvline(limit, color=VERMILLION, linestyle=":", linewidth=1.2, label="limit of the scenario")
-        name = schedule_criterion(study, tex=True)
+        name = study.scenario.schedule_criterion.symbol
         axes.set(xlabel="spent, at most [unit of the energy budget]", ylabel=f"{name} of S W S [–]", xlim=(0, None))
         if float(np.min(front.values)) >= 0:
             axes.set_ylim(0, None)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, inline_svg
-from obsdesign.report.names import gap_in_words, path_in_words, schedule_criterion
+from obsdesign.report.names import gap_in_words, path_in_words
 from obsdesign.report.number_format import numeral
 from obsdesign.study.record import Study
 
@@ -39,5 +39,5 @@ def _draw_raster(study: Study, axes: Axes) -> None:
     axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(times[0], times[-1]), xlabel="time [s]")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    name = schedule_criterion(study, tex=True)
+    name = study.scenario.schedule_criterion.symbol
     axes.set_title(f"{name} {numeral(schedule.value)}, bound {numeral(schedule.bound)}, gap {gap_in_words(study)}")

@@ -34,7 +34,7 @@ def regret_figure(study: Study) -> str:
 
 def _draw(study: Study, figure: Figure, axes: Axes) -> None:
     schedule, names, times = study.selection.schedule, study.scenario.sensor_names, segment_nodes(study)
-    absolute = not study.scenario.schedule_criterion.is_relative
+    absolute = study.scenario.schedule_criterion.gap_kind == "absolute"
     cost = deviation_costs(study).T / (1.0 if absolute else abs(schedule.root_bound) / 100)
     possible = np.isfinite(cost)
     largest = float(cost[possible].max(initial=0.0))

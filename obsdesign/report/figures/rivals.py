@@ -9,7 +9,6 @@ from matplotlib.ticker import MaxNLocator
 
 from obsdesign.report.derived_quantities import drawing_suffix, zero_round_off
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
-from obsdesign.report.names import schedule_criterion
 from obsdesign.report.number_format import NOTHING, numeral
 from obsdesign.study.record import CHOSEN, Study
 
@@ -38,7 +37,7 @@ def rival_values(study: Study) -> dict[str, float]:
 
 
 def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:
-    bound = study.selection.schedule.bound
+    bound, symbol = study.selection.schedule.bound, study.scenario.schedule_criterion.symbol
     keeps = " without *" if any(rival.breaks for rival in study.selection.rivals) else ""
     light_grid(axes, "x")
     finite = [value for value in (bound, *bars.values()) if np.isfinite(value)]
@@ -55,7 +54,7 @@ def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:
         place = {"xytext": (shift, 0), "textcoords": "offset points", "ha": side, "va": "center"}
         text, tip = (numeral(value), value) if np.isfinite(value) else (NOTHING, 0.0)
         axes.annotate(text, (tip, row), color=colour, fontsize=9, **place)
-    axes.set(xlim=(low * 1.02, widest * 1.02), ylim=(len(bars) - 0.4, -0.6), xlabel=f"{schedule_criterion(study, tex=True)} of S W S [–]")
+    axes.set(xlim=(low * 1.02, widest * 1.02), ylim=(len(bars) - 0.4, -0.6), xlabel=f"{symbol} of S W S [–]")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_color(FAINT)

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
-from obsdesign.report.derived_quantities import cap_for, clean_eigenvalues, sensors_in_words, uses_smallest_eigenvalue
+from obsdesign.report.derived_quantities import cap_for, clean_eigenvalues, judged_by_eigenvalue, sensors_in_words
 from obsdesign.report.figures._drawing import INK, inline_svg, light_grid, path_colour
 from obsdesign.report.number_format import numeral
 from obsdesign.study.record import Study
@@ -39,7 +39,7 @@ def _draw_suite(study: Study, axes: Axes, suite: int) -> None:
     for column, candidate in enumerate(study.candidates):
         _draw_spectrum(axes, column, clean_eigenvalues(candidate.qualities[suite]), floor, path_colour(candidate.name, names))
     cap = cap_for(study, study.suites[suite])
-    if cap is not None and uses_smallest_eigenvalue(study):
+    if cap is not None and judged_by_eigenvalue(study):
         axes.axhline(cap.value, color=INK, linewidth=1, linestyle=":", zorder=1)
         axes.text(len(names) - 0.45, cap.value, f"cap\n{numeral(cap.value)}", va="center", ha="left", fontsize=9)
     axes.set(yscale="log", xlim=(-0.6, len(names) - 0.15), ylim=(floor / 30, everything.max() * 5))

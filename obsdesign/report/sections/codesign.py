@@ -7,9 +7,9 @@ import math
 from obsdesign.design.record import Design
 from obsdesign.joint.result import Joint
 from obsdesign.report.document import JointPart, PairPart
+from obsdesign.report.names import criterion_name, has_relative_gap
 from obsdesign.report.number_format import numeral, percent, plain
 from obsdesign.report.tables import DASH, Cell, Table
-from obsdesign.report.wording import criterion_name
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
 from obsdesign.study.record import Study
@@ -50,10 +50,15 @@ def _pair(study: Study, design: Design, schedule: Schedule, value: float) -> Pai
 def codesign_answer(study: Study, joint: Joint) -> str:
     """Answer "Together?": what choosing both at once gains, and how far that is proven."""
     name, value = criterion_name(study), joint.value
+    ratio = study.scenario.criterion.scales_with_information
     better = max(joint.path_first.value, joint.sensors_first.value)
-    gain = f", {percent(value / better - 1)} more than the better of the two" if better > 0 and math.isfinite(better) else ""
+    gain = f", {percent(value / better - 1)} more than the better of the two" if ratio and better > 0 and math.isfinite(better) else ""
     schedule = joint.schedule
-    proof = "proven to be the best" if schedule.status is Status.OPTIMAL else f"within {percent(schedule.gap)} of the best"
+    proof = (
+        "proven to be the best"
+        if schedule.status is Status.OPTIMAL
+        else f"within {percent(schedule.gap) if has_relative_gap(study) else numeral(schedule.gap)} of the best"
+    )
     return (
         f"Designing the path for all sensors and then choosing which are on gives a {name} of {numeral(joint.path_first.value)}; choosing "
         f"them for the path one takes without thinking and then designing the path for them gives {numeral(joint.sensors_first.value)}. "

@@ -5,8 +5,8 @@ from __future__ import annotations
 from obsdesign.design.feasibility import price_of
 from obsdesign.design.record import Design
 from obsdesign.report import derived_quantities as facts
+from obsdesign.report.names import criterion_name
 from obsdesign.report.number_format import NARROW, join, numeral, percent, plain
-from obsdesign.report.wording import criterion_name
 from obsdesign.study.record import Study
 
 _MAX_NAMED = 4  # optima that are named

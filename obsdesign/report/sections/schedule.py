@@ -8,7 +8,7 @@ import numpy as np
 
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures.rivals import rival_values
-from obsdesign.report.names import gap_in_words, path_in_words, schedule_criterion
+from obsdesign.report.names import gap_in_words, has_relative_gap, path_in_words, schedule_criterion
 from obsdesign.report.number_format import NARROW, join, numeral, percent, plain, typeset
 from obsdesign.report.sections.whereabouts import segment_traits, usage_in_words
 from obsdesign.report.tables import DASH, Cell, Table
@@ -44,7 +44,7 @@ def schedule_answer(study: Study) -> str:
 
 def certificate(study: Study) -> str:
     """Say how near to the best the schedule is: certified within 0.02 % of the best of 4^24 schedules."""
-    schedule, is_difference = study.selection.schedule, not study.scenario.schedule_criterion.is_relative
+    schedule, is_difference = study.selection.schedule, not has_relative_gap(study)
     if schedule.status is Status.OPTIMAL:
         return f"proven to be the best of {_schedule_count(study)} but for a gap of {gap_in_words(study)}"
     return f"certified within {gap_in_words(study)} {'below' if is_difference else 'of'} the best of {_schedule_count(study)}"
@@ -194,8 +194,8 @@ def losses_table(study: Study) -> Table:
 
 
 def _compares_differences(study: Study) -> bool:
-    """Whether differences of the criterion count, not shares."""
-    return study.scenario.selection.criterion != "min_eigenvalue"
+    """Whether differences of the criterion count, not shares, which no value below 0 has."""
+    return not study.scenario.schedule_criterion.scales_with_information or study.selection.schedule.value < 0
 
 
 def _loss_cell(study: Study, kept_value: float, value: float) -> Cell:
@@ -218,7 +218,8 @@ def schedules_table(study: Study) -> Table:
         values = {"chosen, all its samples together": facts.zero_round_off(study, study.selection.exact)} | values
     total = study.problem.scaled(study.main.information.total)
     values["all sensors on, for comparison"] = study.scenario.schedule_criterion.value(total)
-    share, bound = name == "λmin" and schedule.bound > 0, schedule.bound
+    bound = schedule.bound
+    share = study.scenario.schedule_criterion.scales_with_information and bound > 0
     rows = tuple(
         (
             Cell(label),
@@ -281,7 +282,7 @@ def rivals_caption(study: Study) -> str:
     best = max([value for name, value in list(rival_values(study).items())[1:] if not name.endswith("*")], default=0.0)
     value, rules = study.selection.schedule.value, any(rival.breaks for rival in study.selection.rivals)
     starred = " Schedules with * break the rules." if rules else ""
-    if schedule_criterion(study) != "λmin":
+    if not study.scenario.schedule_criterion.is_smallest_eigenvalue:
         return f"What is known of the state under each schedule, by {schedule_criterion(study)}.{starred}"
     others = "the best of the others that keep the rules" if rules else "the best of the others"
     than = f"{numeral(value / best)} times as much as {others}" if best > 0 else "the others see nothing of one direction"
@@ -295,7 +296,11 @@ def front_caption(study: Study) -> str:
         return ""
     value, top = study.selection.schedule.value, float(np.max(front.values))
     half = front.values[front.spent <= 0.5 * front.spent.max()]
-    words = f" Half of the largest spending buys {percent(float(half.max()) / top)} of the most." if len(half) and top > 0 else ""
+    words = (
+        f" Half of the largest spending buys {percent(float(half.max()) / top)} of the most."
+        if len(half) and top > 0 and study.scenario.schedule_criterion.scales_with_information
+        else ""
+    )
     return (
         f"Each dot is a schedule; no schedule that spends as little lies above the dashed line, which is certified.{words} The chosen "
         f"schedule, {numeral(value)}, is the ring."

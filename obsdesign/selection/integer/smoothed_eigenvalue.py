@@ -26,13 +26,21 @@ class SmoothedEigenvalue(AbstractCriterion):
     tau: float
 
     @property
+    def label(self) -> str:
+        return "smoothed λmin"
+
+    @property
+    def symbol(self) -> str:
+        return self.label
+
+    @property
     def knowledge(self) -> None:
         return None
 
     def value(self, W: np.ndarray) -> float:
         return float(self.values(np.linalg.eigvalsh(W)[None], self.tau)[0])
 
-    def of_root(self, R: np.ndarray) -> np.ndarray:
+    def value_from_root(self, R: np.ndarray) -> np.ndarray:
         raise NotImplementedError("a step of a search, never a criterion of its own")
 
     def slope(self, W: np.ndarray) -> np.ndarray:
@@ -42,6 +50,10 @@ class SmoothedEigenvalue(AbstractCriterion):
     @property
     def resolution(self) -> float:
         return 0.0
+
+    @property
+    def scales_with_information(self) -> bool:
+        return True
 
     @property
     def is_smallest_eigenvalue(self) -> bool:

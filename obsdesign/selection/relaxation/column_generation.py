@@ -141,7 +141,7 @@ def is_gap_closed(value: float, bound: float, gap: float, instance: SelectionPro
 
 def gap_scale(bound: float, instance: SelectionProblem) -> float:
     """What a gap is a share of."""
-    return abs(bound) if instance.criterion.is_relative else 1.0
+    return abs(bound) if instance.criterion.gap_kind == "relative" else 1.0
 
 
 def convex_combination(first: Dual, second: Dual, share: float = 0.5) -> Dual:
