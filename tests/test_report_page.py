@@ -440,7 +440,7 @@ def test_how_far_the_straight_path_misses_the_goal_is_its_distance_from_the_disc
     (x, y), goal = straight.path.x[-1, :2], aerosonde.scenario.design.constraints[0]
     missed = np.hypot(x - goal.point[0], y - goal.point[1]) - goal.tolerance
     assert missed > 0
-    assert straight.shortfalls[0].by == pytest.approx(missed, rel=1e-6)
+    assert straight.violations[0].by == pytest.approx(missed, rel=1e-6)
     assert not straight.feasible
     assert f"misses the goal by {numeral(missed)}{NARROW}m" in page_of(aerosonde)
 
@@ -582,7 +582,7 @@ def test_the_document_has_the_flight_and_its_timings_apart(rover, aerosonde):
 def test_the_document_satisfies_its_schema(name, request):
     document = document_of(request.getfixturevalue(name)).model_dump(mode="json")
     jsonschema.Draft202012Validator(Result.model_json_schema()).validate(document)
-    assert document["schema_version"] == "1.4"
+    assert document["schema_version"] == "1.5"
     study = request.getfixturevalue(name)
     for candidate in study.candidates:
         assert document["paths"][candidate.name]["feasible"] == (document["paths"][candidate.name]["shortfalls"] == [])
