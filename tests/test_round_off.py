@@ -168,7 +168,7 @@ def test_units_of_the_states_change_nothing_but_the_units():
             path = od.simulate(system, np.array([0.0, 0.0, np.arctan2(400, 300)]) / s, np.zeros((25, 0)), 1.0)
             found.append(od.variational_gramian(system, path))
         assert found[1].std * scale == pytest.approx(found[0].std, rel=1e-6)
-        assert found[1].sight.hidden.shape == found[0].sight.hidden.shape == (3, 0 if trial % 2 else 2)
+        assert found[1].visibility.hidden.shape == found[0].visibility.hidden.shape == (3, 0 if trial % 2 else 2)
 
 
 def test_what_is_hidden_stays_so_through_every_way_of_handling_information():
