@@ -44,10 +44,12 @@ class MovablePoint:
 
     @property
     def n_eliminated(self) -> int:
+        """How many columns, those of the unknown inputs, are eliminated first."""
         return self.experiments.n_eliminated
 
     @property
     def width(self) -> int:
+        """How many columns J has."""
         return self.experiments.n_columns
 
     def rows_as_balls(self) -> Rows:
@@ -122,4 +124,5 @@ def _steps(complement: Complement, first: Complement, changes: Sequence[arb_mat]
 
 
 def leading_columns(rows: Rows, width: int) -> Rows:
+    """Return the first `width` columns of rows."""
     return [row[:width] for row in rows]

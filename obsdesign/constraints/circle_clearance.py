@@ -44,17 +44,21 @@ class CircleClearance(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At every instant of the path."""
         return ALWAYS
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y); its rates come with it."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """The clearance [m]."""
         return self.clearance, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return (sqrt(f^2 + (time_scale df/dt)^2) - clearance) / clearance, rounded where f = df/dt = 0."""
         (x, y), radius = circle_through(moment.landmarks if self.landmarks is None else self.landmarks)
         east, north = moment.state["x"] - x, moment.state["y"] - y
         off = smooth_excess(east * east + north * north, radius)

@@ -35,15 +35,19 @@ class Goal(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At the end of the path, t_N."""
         return AT_END
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """The tolerance [m]."""
         return self.tolerance, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return 1 - |position - point| / tolerance, rounded at the point."""
         return [-outside_disc(moment, self.point, self.tolerance)]

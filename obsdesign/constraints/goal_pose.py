@@ -44,16 +44,20 @@ class GoalPose(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At the end of the path, t_N."""
         return AT_END
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position and the heading, (x, y, heading)."""
         return ("x", "y", "heading")
 
     @property
     def size(self) -> tuple[float, str]:
+        """One tolerance, of position or of heading."""
         return 1.0, "tolerances"
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return 1 - |position - point| / tolerance, and (c(T) - c(heading error)) / (T cos(T / 2)) with T = heading_tolerance."""
         position = -outside_disc(moment, self.point, self.tolerance)
         return [position, within_angle(moment.state["heading"], self.heading, self.heading_tolerance)]

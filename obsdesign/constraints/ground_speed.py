@@ -41,19 +41,23 @@ class GroundSpeed(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At every instant of the path."""
         return ALWAYS
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y), whose rates are the velocity over ground."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """Half of most - least, or the one limit [m/s]."""
         if self.least is not None and self.most is not None:
             return (self.most - self.least) / 2, SPEED
         return self.least or self.most or 0.0, SPEED
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return (speed - least) / size and (most - speed) / size, as far as there are limits; rounded at rest."""
         squared = moment.rate["x"] * moment.rate["x"] + moment.rate["y"] * moment.rate["y"]
         size, _ = self.size
         slow = [] if self.least is None else [smooth_excess(squared, self.least) / size]

@@ -53,16 +53,20 @@ class HeadingSector(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """From `first` to `last`."""
         return Span(self.first, self.last)
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The heading."""
         return ("heading",)
 
     @property
     def size(self) -> tuple[float, str]:
+        """Half the sector's width [rad]."""
         return self.width / 2, ANGLE
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return (c(T) - c(a)) / (T cos(T / 2)), with T half the width and a the angle from the sector's middle."""
         half = self.width / 2
         return [within_angle(moment.state["heading"], self.low + half, half)]

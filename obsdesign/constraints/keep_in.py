@@ -31,15 +31,19 @@ class KeepIn(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At every instant of the path."""
         return ALWAYS
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """2 area / perimeter of the polygon [m]."""
         return polygon_size(self.corners), LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return (b_i - n_i . position) / size for every edge i."""
         return polygon_margins(moment, self.corners)

@@ -35,15 +35,19 @@ class KeepOut(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At every instant of the path."""
         return ALWAYS
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """The radius [m]."""
         return self.radius, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return |position - centre| / radius - 1, rounded at the centre."""
         return [outside_disc(moment, self.centre, self.radius)]

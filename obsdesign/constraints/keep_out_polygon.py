@@ -39,15 +39,19 @@ class KeepOutPolygon(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At every instant of the path."""
         return ALWAYS
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """2 area / perimeter of the polygon [m]."""
         return polygon_size(self.corners), LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return (e log(sum_i exp(s_i / e)) - e log m) / size, a smooth maximum of the distances s_i of the m edges' lines."""
         return [outside_polygon(moment, self.corners)]

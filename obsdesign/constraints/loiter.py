@@ -42,15 +42,19 @@ class Loiter(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """From `first` to `last`."""
         return Span(self.first, self.last)
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """The radius [m]."""
         return self.radius, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return 1 - |position - centre| / radius, rounded at the centre."""
         return [-outside_disc(moment, self.centre, self.radius)]

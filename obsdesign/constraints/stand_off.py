@@ -35,16 +35,20 @@ class StandOff(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At every instant of the path."""
         return ALWAYS
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """The distance [m]."""
         return self.distance, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return |position - landmark| / distance - 1 for every landmark, rounded at it."""
         points = moment.landmarks if self.landmarks is None else self.landmarks
         return [outside_disc(moment, point, self.distance) for point in points]

@@ -43,15 +43,19 @@ class Via(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """At one instant from `first` to `last`."""
         return Span(self.first, self.last, anywhere=True)
 
     @property
     def states(self) -> tuple[str, ...]:
+        """The position, (x, y)."""
         return ("x", "y")
 
     @property
     def size(self) -> tuple[float, str]:
+        """The tolerance [m]."""
         return self.tolerance, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return 1 - |position - point| / tolerance, rounded at the point."""
         return [-outside_disc(moment, self.point, self.tolerance)]

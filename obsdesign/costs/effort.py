@@ -38,9 +38,11 @@ class Effort(AbstractCost):
 
     @property
     def unit(self) -> str:
+        """None of its own: the weights carry it."""
         return ""
 
     def rate(self, moment: Moment) -> Coordinate:
+        """Return sum_i weight_i u_i^2, or raise InputError for an input that the vehicle does not have."""
         require_known("effort: the vehicle", [name for name, _ in self.weights], tuple(moment.inputs))
         return sum(weight * (moment.inputs[name] * moment.inputs[name]) for name, weight in self.weights)
 

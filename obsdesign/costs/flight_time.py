@@ -17,8 +17,10 @@ class FlightTime(AbstractCost):
 
     @property
     def unit(self) -> str:
+        """Seconds."""
         return "s"
 
     def rate(self, moment: Moment) -> Coordinate:
+        """Return 1."""
         # one for every instant: an array of ones where the states are arrays
         return 1.0 + 0.0 * next(iter(moment.state.values()), 0.0)

@@ -22,8 +22,10 @@ class PathLength(AbstractCost):
 
     @property
     def unit(self) -> str:
+        """Metres."""
         return "m"
 
     def rate(self, moment: Moment) -> Coordinate:
+        """Return sqrt((dx/dt)^2 + (dy/dt)^2 + s^2) [m/s]."""
         east, north = moment.rate["x"], moment.rate["y"]
         return (east * east + north * north + _SOFT**2) ** 0.5

@@ -63,6 +63,7 @@ class _CarryBuilder:
     start: list[float] = field(default_factory=list)
 
     def append(self, carry: Sequence[ca.SX], later: Sequence[ca.SX], start: Sequence[float]) -> None:
+        """Add what is carried, what it is an instant later, and what it begins with."""
         self.carry.extend(carry)
         self.later.extend(later)
         self.start.extend(start)

@@ -96,6 +96,7 @@ class _OneSidedAnswer:
 
     @property
     def record(self) -> OneSided:
+        """The public record: NaN for value and objective where there is no pair."""
         if self.pair is None:
             return OneSided(self.design, self.schedule, np.nan, np.nan)
         value = self.pair.objective + (self.design.value - self.design.objective)

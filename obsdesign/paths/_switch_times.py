@@ -27,6 +27,7 @@ class _Level:
 
     @property
     def jumps(self) -> np.ndarray:
+        """By how much the level changes at each switch: values_i+1 - values_i."""
         import numpy as np
 
         return np.diff(self.values)

@@ -40,10 +40,12 @@ class BSpline(AbstractPath):
             raise InputError(f"points is {self.points}: must be more than the degree, {self.degree}")
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        """Return the inputs' bounds, for every control point."""
         _columns.require_at_most_steps("points", self.points, grid)
         return _columns.repeat_bounds(self.points, grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
+        """Return u = M p, the mean of each spline over every step."""
         return _columns.apply_matrix(self._means(grid), p, grid)
 
     def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
@@ -60,6 +62,7 @@ class BSpline(AbstractPath):
         return np.clip(np.concatenate(control_points), *self.box(grid))
 
     def coarser(self) -> BSpline | None:
+        """Return the splines of half as many control points, None for 12 or fewer."""
         fewer = max((self.points + 1) // 2, self.degree + 1)
         return BSpline(fewer, self.degree) if self.points > _COARSE and fewer < self.points else None
 

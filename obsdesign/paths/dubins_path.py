@@ -43,6 +43,7 @@ class DubinsPath(AbstractPath):
         require_positive("blend", self.blend)
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        """Return 0 and N step for every duration [s], then the bounds of the other inputs."""
         import numpy as np
 
         turn, switches = self._turn(grid), len(self.word) - 1
@@ -50,6 +51,7 @@ class DubinsPath(AbstractPath):
         return np.concatenate([np.zeros(switches), lower]), np.concatenate([np.full(switches, grid.duration), upper])
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
+        """Return u: the mean turn rate of every step, the other inputs constant."""
         import numpy as np
 
         turn, switches = self._turn(grid), len(self.word) - 1
@@ -67,7 +69,7 @@ class DubinsPath(AbstractPath):
         return np.clip(np.concatenate([durations, np.delete(u, turn, axis=1).mean(axis=0)]), *self.box(grid))
 
     def coarser(self) -> None:
-        return None
+        """Return None: few parameters already."""
 
     def rates(self, p: ca.SX, grid: Grid) -> ca.SX:
         """(1, m): (max v - min v) / blend, the slope where all switches between the two coincide; no path of the word is steeper.

@@ -33,15 +33,18 @@ class PiecewiseConstant(AbstractPath):
         require_count("pieces", self.pieces)
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        """Return the inputs' bounds, for every piece."""
         _columns.require_at_most_steps("pieces", self.pieces, grid)
         return _columns.repeat_bounds(self.pieces, grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
+        """Return u_k = p_j for every step k of piece j."""
         import numpy as np
 
         return _columns.columns(p, grid)[np.repeat(np.arange(self.pieces), self._lengths(grid)).tolist(), :]
 
     def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
+        """Return the means of u over the pieces: the least squares."""
         import numpy as np
 
         lengths = self._lengths(grid)
@@ -49,9 +52,11 @@ class PiecewiseConstant(AbstractPath):
         return np.clip(means.ravel(order="F"), *self.box(grid))
 
     def coarser(self) -> PiecewiseConstant | None:
+        """Return half as many pieces, None for 12 or fewer."""
         return PiecewiseConstant((self.pieces + 1) // 2) if self.pieces > _COARSE else None
 
     def rates(self, p: ca.SX, grid: Grid) -> ca.SX:
+        """Return (p_j+1 - p_j) / the time between the middles of the two pieces [unit/s]."""
         import numpy as np
 
         lengths = self._lengths(grid) * grid.step

@@ -35,6 +35,7 @@ class EnergyBudget(AbstractRule):
         return f"EnergyBudget of {self.limit:g}"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return the resource sum_k sum_s cost_s on_ks + sum of start_s per switching-on <= limit."""
         cost, start = per_sensor(self, "cost", self.cost, segments), per_sensor(self, "start", self.start, segments)
         usage = cost[None].repeat(segments.count, axis=0)
         return Terms(resource=Resource(usage, start, float(self.limit)))

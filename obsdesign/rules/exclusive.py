@@ -31,6 +31,7 @@ class Exclusive(AbstractRule):
         return f"Exclusive: {sensor_list(self.sensors)}"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return that patterns with more than one of the sensors are not admissible."""
         group = segments.sensors(self, self.sensors)
 
         def admissible(patterns: np.ndarray) -> np.ndarray:

@@ -28,6 +28,7 @@ class MaxUses(AbstractRule):
         return f"MaxUses: {self.sensor} in at most {self.most} segments"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return the resource sum_k on_ks <= most."""
         import numpy as np
 
         usage = np.zeros((segments.count, len(segments.names)))

@@ -32,6 +32,7 @@ class MinimumDwell(AbstractRule):
         return f"MinimumDwell: {sensor_list(self.sensors)} for at least {self.least} segments"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return the dwell of each sensor (S,), 1 for those that the rule is not for."""
         import numpy as np
 
         dwell = np.ones(len(segments.names), dtype=int)

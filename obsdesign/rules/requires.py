@@ -35,6 +35,7 @@ class Requires(AbstractRule):
         return f"Requires: {self.sensor} only with {self.other}"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return that patterns with the sensor and without the other are not admissible."""
         sensor, required = segments.sensor(self, self.sensor), segments.sensor(self, self.other)
 
         def admissible(patterns: np.ndarray) -> np.ndarray:

@@ -28,4 +28,5 @@ class SwitchingCost(AbstractRule):
         return "SwitchingCost"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return what each switching-on takes off the value (S,)."""
         return Terms(switching=per_sensor(self, "cost", self.cost, segments))

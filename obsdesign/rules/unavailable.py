@@ -33,6 +33,7 @@ class Unavailable(AbstractRule):
         return f"Unavailable: {self.sensor} in segments {sensor_list(str(segment) for segment in shown)}"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return that the sensor is not available in the segments; raises InputError for one that the path does not have."""
         import numpy as np
 
         for segment in self.segments:

@@ -36,6 +36,7 @@ class UnavailableBetween(AbstractRule):
         return f"UnavailableBetween: {self.sensor} from {self.first:g} s to {self.last:g} s"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return that the sensor is not available in segments that overlap [first, last]; raises InputError without times."""
         import numpy as np
 
         if segments.t is None:

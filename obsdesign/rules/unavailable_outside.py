@@ -35,6 +35,7 @@ class UnavailableOutside(AbstractRule):
         return f"UnavailableOutside: {self.sensor} farther than {self.radius:g} m from ({self.centre[0]:g}, {self.centre[1]:g})"
 
     def terms(self, segments: Segments) -> Terms:
+        """Return that the sensor is not available in segments with a position outside; raises InputError without positions."""
         import numpy as np
 
         if segments.tracks is None:

@@ -44,6 +44,7 @@ def certify(instance: SelectionProblem, dual: Dual, fractional: int, incumbent: 
 
 
 def failure_schedule(instance: SelectionProblem) -> Schedule:
+    """Return NaN for every number, and the status NUMERICAL_ERROR."""
     K, S = instance.shape
     unknown = np.full((K, S), np.nan)
     Z = np.full((instance.n, instance.n), np.nan)
@@ -54,6 +55,7 @@ def failure_schedule(instance: SelectionProblem) -> Schedule:
 
 
 def reject(instance: SelectionProblem, throw: bool, direction: np.ndarray | None = None) -> Schedule:
+    """Raise InputError because the criterion is -inf for every schedule; with throw=False return the failed record."""
     if throw:
         losses = ", when the worst of them are lost" if len(instance.working_sensors) > 1 else ""
         name = type(instance.criterion).__name__

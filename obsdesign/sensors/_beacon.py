@@ -54,6 +54,7 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
 
     @property
     def landmark(self) -> Point:
+        """The beacon."""
         return self.beacon
 
     def offset(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
@@ -67,6 +68,7 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
         return (east * east + north * north) ** 0.5
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return sqrt(sigma^2 + (sigma_per_metre r)^2)."""
         import casadi as ca
 
         if not self.sigma_per_metre:
@@ -75,6 +77,7 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
         return ca.sqrt(self.sigma**2 + self.sigma_per_metre**2 * (east * east + north * north))
 
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return g_range g_view, 1 where neither has a limit."""
         import casadi as ca
 
         share = ca.SX(1)

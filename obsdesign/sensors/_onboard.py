@@ -27,14 +27,17 @@ class AbstractOnboard(AbstractSensor, ABC):
 
     @property
     def landmark(self) -> None:
+        """None: nothing is looked at."""
         return None
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return sigma, everywhere."""
         import casadi as ca
 
         return ca.SX(self.sigma)
 
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return 1: every sample arrives."""
         import casadi as ca
 
         return ca.SX(1)

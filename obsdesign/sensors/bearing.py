@@ -26,9 +26,11 @@ class Bearing(AbstractBeaconSensor):
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
+        """One angle [rad], wrapped."""
         return (Signal(self.name, "rad", is_angle=True),)
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        """Return atan2(beacon - position) - heading."""
         import casadi as ca
 
         east, north = self.offset(state)

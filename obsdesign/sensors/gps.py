@@ -26,7 +26,9 @@ class GPS(AbstractOnboard):
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
+        """Two positions [m]."""
         return (Signal(f"{self.name}_x", "m"), Signal(f"{self.name}_y", "m"))
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        """Return (x, y)."""
         return (state["x"], state["y"])

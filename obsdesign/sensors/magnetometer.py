@@ -26,7 +26,9 @@ class Magnetometer(AbstractOnboard):
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
+        """One angle [rad], wrapped."""
         return (Signal(self.name, "rad", is_angle=True),)
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        """Return the heading."""
         return (state["heading"],)

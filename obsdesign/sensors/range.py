@@ -26,7 +26,9 @@ class Range(AbstractBeaconSensor):
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
+        """One distance [m]."""
         return (Signal(self.name, "m"),)
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
+        """Return |beacon - position|."""
         return (self.distance(state),)

@@ -36,16 +36,20 @@ class Dubins(AbstractVehicle):
 
     @property
     def states(self) -> tuple[Signal, ...]:
+        """x, y [m], heading [rad]; with a constant wind also wind_x, wind_y [m/s]."""
         return planar.planar_states(self.wind)
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
+        """The turn rate [rad/s]."""
         return (TURN_RATE,)
 
     @property
     def disturbances(self) -> tuple[Signal, ...]:
+        """(wind_x, wind_y) [m/s] where the wind is unknown, else nothing."""
         return planar.planar_disturbances(self.wind)
 
     def fields(self, x: ca.SX) -> Fields:
+        """Return the drift speed (cos(heading), sin(heading), 0, ...) + wind, the turn's field e_3, and the unknown wind's e_1, e_2."""
         drift = self.speed * planar.forward_field(x) + planar.wind_drift(x, self.wind)
         return Fields(drift, (planar.turn_field(x),), planar.wind_fields(x, self.wind))

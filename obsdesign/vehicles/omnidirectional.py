@@ -41,17 +41,21 @@ class Omnidirectional(AbstractVehicle):
 
     @property
     def states(self) -> tuple[Signal, ...]:
+        """x, y [m], heading [rad]; constant slips also as states."""
         return (X, Y, HEADING) + (_SLIPS if self.disturbance == "constant" else ())
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
+        """forward, sideways [m/s] and turn_rate [rad/s]."""
         return _INPUTS
 
     @property
     def disturbances(self) -> tuple[Signal, ...]:
+        """The three slips where they are unknown, else nothing."""
         return _SLIPS if self.disturbance == "unknown" else ()
 
     def fields(self, x: ca.SX) -> Fields:
+        """Return the fields along the nose, to its left and around, for the inputs and for unknown slips; constant slips are the drift."""
         import casadi as ca
 
         n = x.numel()

@@ -32,15 +32,19 @@ class Unicycle(AbstractVehicle):
 
     @property
     def states(self) -> tuple[Signal, ...]:
+        """x, y [m], heading [rad]; with a constant wind also wind_x, wind_y [m/s]."""
         return planar.planar_states(self.wind)
 
     @property
     def inputs(self) -> tuple[Signal, ...]:
+        """speed [m/s] and turn_rate [rad/s]."""
         return (SPEED, TURN_RATE)
 
     @property
     def disturbances(self) -> tuple[Signal, ...]:
+        """(wind_x, wind_y) [m/s] where the wind is unknown, else nothing."""
         return planar.planar_disturbances(self.wind)
 
     def fields(self, x: ca.SX) -> Fields:
+        """Return the wind as drift, the speed's field (cos(heading), sin(heading), 0, ...), the turn's and the unknown wind's."""
         return Fields(planar.wind_drift(x, self.wind), (planar.forward_field(x), planar.turn_field(x)), planar.wind_fields(x, self.wind))

@@ -40,9 +40,11 @@ class _Nodes:
     bound: np.ndarray
 
     def subset(self, which: np.ndarray) -> _Nodes:
+        """Return some of them, by a mask or by indices."""
         return _Nodes(self.allowed[which], self.y[which], self.bound[which])
 
     def concatenate(self, second: _Nodes) -> _Nodes:
+        """Return these, followed by others."""
         parts = zip((self.allowed, self.y, self.bound), (second.allowed, second.y, second.bound), strict=True)
         return _Nodes(*(np.concatenate(part) for part in parts))
 

@@ -41,6 +41,7 @@ class SmoothedDual:
 
     @property
     def n(self) -> int:
+        """The number of states."""
         return len(self.sizes)
 
     @cached_property

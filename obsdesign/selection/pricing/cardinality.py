@@ -21,9 +21,11 @@ class CardinalitySchedules(AbstractSeparateSchedules):
 
     @property
     def is_linked(self) -> bool:
+        """False: every segment is free of the others."""
         return False
 
     def maximise(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the per_segment largest prices of each segment that are not negative; ties go to the first sensor."""
         available_price = np.where(self.available, price, -np.inf)
         if self.per_segment == 1:
             first = available_price.argmax(axis=1)
@@ -38,6 +40,7 @@ class CardinalitySchedules(AbstractSeparateSchedules):
         return chosen, float(price[chosen].sum())
 
     def forcing_costs(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return max(last one in - price, 0) for on, and max(price - first one out, 0) for off."""
         available_price = np.where(self.available, price, -np.inf)
         m = self.per_segment
         ranked = -np.sort(-available_price, axis=1)
@@ -48,6 +51,7 @@ class CardinalitySchedules(AbstractSeparateSchedules):
         return np.where(self.available, on, np.inf), np.where(self.available, off, 0.0)
 
     def feasible_patterns(self, k: int, can_be_on: np.ndarray, can_be_off: np.ndarray, idle: bool) -> np.ndarray | None:
+        """Return the sets of at most per_segment sensors; with idle False those without room left. None above 3000."""
         forced_on, free = np.flatnonzero(can_be_on & ~can_be_off), np.flatnonzero(can_be_on & can_be_off)
         if (~can_be_on & ~can_be_off).any() or len(forced_on) > self.per_segment:
             return np.zeros((0, len(can_be_on)), dtype=bool)
@@ -63,6 +67,7 @@ class CardinalitySchedules(AbstractSeparateSchedules):
         return patterns
 
     def cheapest_changes(self, chosen: np.ndarray, price: np.ndarray, segment_indices: np.ndarray, max_count: int) -> PatternChanges:
+        """Return the exchanges of one sensor, or none, for another, or none."""
         # one sensor off or none, and one on or none: column S stands for none
         chosen, price = chosen[segment_indices], price[segment_indices]
         K, S = chosen.shape

@@ -27,9 +27,11 @@ class DwellChain(AbstractSchedules):
 
     @property
     def is_linked(self) -> bool:
+        """True: what is on stays on for its dwell."""
         return True
 
     def maximise(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the best walk through the states, by backward dynamic programming."""
         scores, loss = self.scores(price), self.switch_ons @ switching_cost
         to_end = self._backward(scores, loss)
         chosen, state = np.empty(price.shape, dtype=bool), 0
@@ -40,6 +42,7 @@ class DwellChain(AbstractSchedules):
         return chosen, float(to_end[0][0])
 
     def forcing_costs(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best total, less that of all walks with (k, s) on, and off: forward and backward totals."""
         through = self.best_through(price, switching_cost)
         return costs_of_forcing(through.max(axis=1), self.patterns)
 

@@ -19,9 +19,11 @@ class PatternSchedules(AbstractSeparateSchedules):
 
     @property
     def is_linked(self) -> bool:
+        """False: every segment is free of the others."""
         return False
 
     def maximise(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, float]:
+        """Return the pattern with the largest sum of prices in each segment."""
         chosen, total = np.empty(price.shape, dtype=bool), 0.0
         for part, scores in self._scores(price):
             index = scores.argmax(axis=1)
@@ -30,16 +32,19 @@ class PatternSchedules(AbstractSeparateSchedules):
         return chosen, total
 
     def forcing_costs(self, price: np.ndarray, switching_cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the largest sum, less that over the patterns with a sensor on, and off."""
         on, off = np.empty(price.shape), np.empty(price.shape)
         for part, scores in self._scores(price):
             on[part], off[part] = costs_of_forcing(scores, self.patterns)
         return on, off
 
     def feasible_patterns(self, k: int, can_be_on: np.ndarray, can_be_off: np.ndarray, idle: bool) -> np.ndarray | None:
+        """Return the patterns within what is available in the segment and may be on and off."""
         patterns = self.patterns[~(self.patterns & ~self.available[k]).any(axis=1)]
         return patterns[~(patterns & ~can_be_on).any(axis=1) & ~(~patterns & ~can_be_off).any(axis=1)]
 
     def cheapest_changes(self, chosen: np.ndarray, price: np.ndarray, segment_indices: np.ndarray, max_count: int) -> PatternChanges:
+        """Return the changes to another pattern with the smallest loss of price."""
         subset = PatternSchedules(self.available[segment_indices], self.patterns)
         chosen, price = chosen[segment_indices], price[segment_indices]
         segments, patterns, cost = [], [], []
