@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 from collections.abc import Callable
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -21,11 +23,13 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.design.feasibility import fine_path, initial_rows, node_margins
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
-from obsdesign.design.nlp.evaluation import Evaluation, Multipliers
+from obsdesign.design.nlp.criterion_objective import CriterionObjective, matrix_objective_of
+from obsdesign.design.nlp.evaluation import Evaluation
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
-from obsdesign.design.sqp.matrix_objective import CriterionObjective, LinearObjective, evaluate_objective, matrix_objective_of
+from obsdesign.design.sqp.evaluation import Multipliers
+from obsdesign.design.sqp.matrix_objective import LinearObjective, evaluate_objective
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.step import blocks_of, step_of
 from obsdesign.information.sample_information import sampling_mask
@@ -729,3 +733,12 @@ def test_slopes_where_nothing_is_known_point_there(criterion, unit):
         slope = criterion.slope(4.0 * unit * np.outer(seen, seen))
         assert np.isfinite(slope).all()
         assert hidden @ slope @ hidden > 1e6 * abs(seen @ slope @ seen)
+
+
+def test_the_solver_imports_nothing_but_its_own_modules_and_the_words_of_status():
+    room = Path(od.__file__).parent / "design" / "sqp"
+    allowed = ("obsdesign.design.sqp.", "obsdesign.status")
+    for file in sorted(room.glob("*.py")):
+        statements = [node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, (ast.Import, ast.ImportFrom))]
+        modules = [node.module or "." if isinstance(node, ast.ImportFrom) else node.names[0].name for node in statements]
+        assert [m for m in modules if m.startswith(("obsdesign", ".")) and not m.startswith(allowed)] == [], file.name

@@ -17,9 +17,9 @@ import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.design.feasibility import initial_rows, is_feasible
 from obsdesign.design.nlp import information_recursion as recursion
-from obsdesign.design.nlp.evaluation import Multipliers
 from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
+from obsdesign.design.sqp.evaluation import Multipliers
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.joint.alternation import AlternationStart, Pair, alternate, improve_path, make_pair
 from obsdesign.joint.joint_solver import design_for_schedule

@@ -30,8 +30,8 @@ from hypothesis import strategies as st
 import obsdesign as od
 from obsdesign.design.local_solve import LocalSolve, solve_locally
 from obsdesign.design.nlp import rollout as variation
-from obsdesign.design.nlp.evaluation import Multipliers
 from obsdesign.design.nlp.program import Program, _rollout_functions_of
+from obsdesign.design.sqp.evaluation import Multipliers
 from obsdesign.vehicles.abstract import AbstractVehicle
 
 few = settings(deadline=None, max_examples=4, database=None, derandomize=True)

@@ -11,9 +11,9 @@ from obsdesign.criteria.log_det import LogDet
 from obsdesign.design.feasibility import is_feasible, price_of
 from obsdesign.design.feasible_search import FeasibilitySearch
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
+from obsdesign.design.nlp.criterion_objective import CriterionObjective
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap, Design, Optimum, Robustness, Start
-from obsdesign.design.sqp.matrix_objective import CriterionObjective
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.status import Status

@@ -13,10 +13,11 @@ from obsdesign.design.best_design import choose_best, objective_of
 from obsdesign.design.feasibility import is_feasible
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
+from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design, Evidence
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, minimise
-from obsdesign.design.sqp.matrix_objective import LinearObjective, matrix_objective_of
+from obsdesign.design.sqp.matrix_objective import LinearObjective
 from obsdesign.dynamics.simulation import simulate
 
 _ROUNDS, _RANDOM_PATHS = 6, 40  # of a new Z; paths that are looked at without a climb

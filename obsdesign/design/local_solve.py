@@ -8,9 +8,10 @@ import numpy as np
 
 from obsdesign.design.blas_threads import one_thread
 from obsdesign.design.feasibility import initial_rows, tighten
+from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, matrix_objective_of
+from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective
 from obsdesign.design.sqp.trust_region_sqp import TOLERANCE, Solution, StoppingCriteria, WarmStart, solve
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.paths.abstract import AbstractPath

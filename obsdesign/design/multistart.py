@@ -21,10 +21,11 @@ from obsdesign.design.feasible_search import FeasibilitySearch, search_feasible_
 from obsdesign.design.infeasibility import explain, why_hidden, why_unreachable
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
+from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design, Start
-from obsdesign.design.sqp.matrix_objective import evaluate_objective, matrix_objective_of
+from obsdesign.design.sqp.matrix_objective import evaluate_objective
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.errors import SolveError
 from obsdesign.paths.abstract import AbstractPath

@@ -11,9 +11,9 @@ import numpy as np
 from obsdesign.design.blas_threads import one_thread
 from obsdesign.design.feasibility import initial_rows
 from obsdesign.design.initial_guesses import start_inputs
+from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
-from obsdesign.design.sqp.matrix_objective import matrix_objective_of
 from obsdesign.design.sqp.trust_region_sqp import StoppingCriteria, solve
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.joint.alternation import AlternationResult, AlternationStart, improve_path, make_pair

@@ -27,10 +27,10 @@ from obsdesign.design.blas_threads import one_thread
 from obsdesign.design.feasibility import MARGIN_TOLERANCE, Violation, fine_path, initial_rows, tighten, total_costs, violations
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.local_solve import families_of
+from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.nlp.program import ConstraintRows, Multipliers, Program
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.sqp.matrix_objective import matrix_objective_of
 from obsdesign.design.sqp.trust_region_sqp import FEASIBILITY_TOLERANCE, StoppingCriteria, WarmStart, solve
 from obsdesign.design.sqp.trust_region_sqp import MAX_ITERATIONS as SOLVER_ITERATIONS
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number

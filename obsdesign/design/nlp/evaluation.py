@@ -1,4 +1,4 @@
-"""What a program is at a point: values, slopes, and what its Lagrangian counts them for."""
+"""What the program of a design is at a point, and which margins are its rows."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.design.nlp.rollout import Rollout
+from obsdesign.design.sqp.evaluation import AbstractDerivatives, AbstractEvaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,47 +44,22 @@ NO_ROWS = ConstraintRows(np.zeros(0, dtype=int), np.zeros(0, dtype=int), np.zero
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
-    """At parameters p: matrices (b, n, n) to be judged, floors (f, n, n) to be kept, rows (r,) >= 0 so long after node, price."""
+class Evaluation(AbstractEvaluation):
+    """Values with the rollouts that they were taken from, of the paths and of the floors' windows; rows hold so long after a node.
 
-    p: np.ndarray
+    node (r,), delay (r,) [s]: of the constraints' rows, which come first.
+    """
+
     rollout: Rollout
     window_rollouts: Rollout | None
-    matrices: np.ndarray
-    floors: np.ndarray
-    rows: np.ndarray
-    price: float
     node: np.ndarray
     delay: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
-class Derivatives:
-    """First derivatives: matrices (b, q, n, n), floors (f, q, n, n), rows (r, q), price (q,), and what second ones are made of."""
+class Derivatives(AbstractDerivatives):
+    """First derivatives, and what second ones are made of: M = du/dp (N, m, q), G = dz/dp, and that of the windows."""
 
-    matrices: np.ndarray
-    floors: np.ndarray
-    rows: np.ndarray
-    price: np.ndarray
     M: np.ndarray
     G: np.ndarray
     window_sensitivity: np.ndarray | None
-
-
-@dataclass(frozen=True, eq=False)
-class Multipliers:
-    """What the Lagrangian counts the matrices (b, n, n), the floors (f, n, n), the rows (r,) and the price for, all >= 0."""
-
-    matrices: np.ndarray
-    floors: np.ndarray
-    rows: np.ndarray
-    price: float
-
-    def scale(self, factor: float) -> Multipliers:
-        """Return all of them multiplied."""
-        return Multipliers(self.matrices * factor, self.floors * factor, self.rows * factor, self.price * factor)
-
-    def with_rows(self, old_count: int, new_count: int) -> Multipliers:
-        """Return multipliers for more rows of constraints than before: nothing for those that are new."""
-        extended = np.concatenate([self.rows[:old_count], np.zeros(new_count - old_count), self.rows[old_count:]])
-        return Multipliers(self.matrices, self.floors, extended, self.price)

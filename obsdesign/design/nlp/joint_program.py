@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from obsdesign.design.nlp.abstract import AbstractProgram
-from obsdesign.design.nlp.evaluation import Derivatives, Evaluation, Multipliers
+from obsdesign.design.nlp.evaluation import Derivatives, Evaluation
 from obsdesign.design.nlp.program import Program
+from obsdesign.design.sqp.evaluation import Multipliers
+from obsdesign.design.sqp.nonlinear_program import AbstractProgram
 from obsdesign.information.accumulation import segment_information
 from obsdesign.trajectory import Trajectory
 
 
-class JointProgram(AbstractProgram):
+class JointProgram(AbstractProgram[Evaluation, Derivatives]):
     """W(p, s) = sum_ks s_ks W_ks(p) over v = (p, s): weights s (K, S) in [0, 1], at most `per_segment` in sum for each segment.
 
     The Hessian of <Z, W> is that of the path at fixed weights, <Z, dW_ks/dp> beside it, and 0 for the weights alone.
@@ -27,6 +28,11 @@ class JointProgram(AbstractProgram):
         self.lower = np.concatenate([program.lower, np.zeros(count)])
         self.upper = np.concatenate([program.upper, np.ones(count)])
         self._segment_sums = np.kron(np.eye(segments), np.ones(self._shape[1]))
+
+    @property
+    def floor_level(self) -> float:
+        """There are no floors."""
+        return 1.0
 
     def join(self, p: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Return v of parameters p (q,) and weights (K, S)."""

@@ -7,15 +7,16 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
-from obsdesign.design.nlp.abstract import AbstractProgram
 from obsdesign.design.nlp.constraint_rows import evaluate_rows
-from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, Derivatives, Evaluation, Multipliers
+from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, Derivatives, Evaluation
 from obsdesign.design.nlp.information_recursion import gramian_recursion, posterior_recursion, state_recursion
 from obsdesign.design.nlp.input_map import input_map_of
 from obsdesign.design.nlp.margin_curves import MarginCurves, margin_curves_of
 from obsdesign.design.nlp.node_functions import NodeFunctions, node_functions_of
 from obsdesign.design.nlp.rollout import Linearisation, NodeCosts, Rollout, RolloutFunctions, propagate_sensitivity
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.sqp.evaluation import Multipliers
+from obsdesign.design.sqp.nonlinear_program import AbstractProgram
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.step import CACHE_SIZE
 from obsdesign.information.additive_amounts import additive_factors
@@ -24,7 +25,7 @@ from obsdesign.information.sample_information import sampling_mask
 from obsdesign.packing import lower_indices, unpack
 
 
-class Program(AbstractProgram):
+class Program(AbstractProgram[Evaluation, Derivatives]):
     """The functions of one problem with one duration. Nothing changes after construction.
 
     segments: where errors are not independent, count the amounts that `segment_information` has for so many segments, linear in
@@ -76,6 +77,11 @@ class Program(AbstractProgram):
         """Number of parameters."""
         return len(self.lower)
 
+    @property
+    def floor_level(self) -> float:
+        """The problem's floor."""
+        return 1.0 if self.problem.floor is None else self.problem.floor.value
+
     def inputs(self, p: np.ndarray) -> np.ndarray:
         """Return u (N, m)."""
         if self._input_map.is_linear:
@@ -103,7 +109,7 @@ class Program(AbstractProgram):
         matrices = (
             self.problem.criterion_matrix(unpack(sums[self.judged], self.n)) if self._has_information else np.zeros((1, self.n, self.n))
         )
-        return Evaluation(p, rollout, window_rollouts, matrices, floors, rows, price, row_values.node, row_values.delay)
+        return Evaluation(p, matrices, floors, rows, price, rollout, window_rollouts, row_values.node, row_values.delay)
 
     def margins(self, evaluation: Evaluation) -> np.ndarray:
         """Return all margins (N+1, r) of the constraints at all nodes."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.design.nlp.evaluation import Derivatives, Multipliers
 from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
+from obsdesign.design.sqp.evaluation import AbstractDerivatives, Multipliers
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective, initial_weights
 from obsdesign.design.sqp.merit import Iterate, MeritFunction, MeritScaling, largest_violation
 
@@ -30,7 +30,7 @@ class LocalModel:
 
     merit_function: MeritFunction
     iterate: Iterate
-    derivatives: Derivatives
+    derivatives: AbstractDerivatives
     floor_derivatives: np.ndarray
     H: np.ndarray
     B: np.ndarray
@@ -57,7 +57,7 @@ class ModelSolution:
 def build_model(
     merit_function: MeritFunction,
     iterate: Iterate,
-    derivatives: Derivatives,
+    derivatives: AbstractDerivatives,
     multipliers: Multipliers,
     at_bound: np.ndarray,
     scaling: MeritScaling,
@@ -163,7 +163,7 @@ def active_set_step(model: LocalModel, solution: ModelSolution, scaling: MeritSc
 def multipliers_of(model: LocalModel, solution: ModelSolution, scaling: MeritScaling) -> Multipliers:
     """Return the multipliers of a model's solution."""
     merit_function, evaluation, qp_solution = model.merit_function, model.iterate.evaluation, solution.qp_solution
-    objective, matrix_count, floor = merit_function.objective, len(evaluation.matrices), merit_function.program.problem.floor
+    objective, matrix_count = merit_function.objective, len(evaluation.matrices)
     objective_cones = matrix_count if objective.is_cone else 0
     window_count = len(evaluation.floors)
     Z = np.array(qp_solution.Z).reshape(-1, *evaluation.matrices.shape[1:])
@@ -179,7 +179,7 @@ def multipliers_of(model: LocalModel, solution: ModelSolution, scaling: MeritSca
     rows = np.zeros(len(evaluation.rows))
     rows[solution.row_indices] = qp_solution.row_multipliers
     return Multipliers(
-        matrices, Z[objective_cones : objective_cones + window_count] / (1.0 if floor is None else floor.value), rows, 1 / scaling.unit
+        matrices, Z[objective_cones : objective_cones + window_count] / merit_function.program.floor_level, rows, 1 / scaling.unit
     )
 
 
@@ -257,7 +257,7 @@ def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) ->
 
 
 def _active_normals(
-    objective: AbstractMatrixObjective, derivatives: Derivatives, multipliers: Multipliers, at_bound: np.ndarray, width: np.ndarray
+    objective: AbstractMatrixObjective, derivatives: AbstractDerivatives, multipliers: Multipliers, at_bound: np.ndarray, width: np.ndarray
 ) -> np.ndarray:
     """Directions (k, q), in widths of the box, along which a step is settled by what is active: there H need not be convex."""
     normals = [derivatives.rows[multipliers.rows > _ACTIVE_MULTIPLIER] * width, np.eye(len(width))[at_bound]]

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.design.nlp.abstract import AbstractProgram
-from obsdesign.design.nlp.evaluation import Derivatives, Evaluation
+from obsdesign.design.sqp.evaluation import AbstractDerivatives, AbstractEvaluation
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective
+from obsdesign.design.sqp.nonlinear_program import AnyProgram
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +23,7 @@ class MeritScaling:
 class Iterate:
     """A point with what it is worth: merit = (price - aim) / unit + penalty * violation, less is better."""
 
-    evaluation: Evaluation
+    evaluation: AbstractEvaluation
     floors: np.ndarray
     violation: float
     objective_value: float
@@ -34,7 +34,7 @@ class Iterate:
 class MeritFunction:
     """A program and what is wanted of it; eigenvalue_floor: lambda_min of every judged matrix is at least this, 0 = no such limit."""
 
-    program: AbstractProgram
+    program: AnyProgram
     objective: AbstractMatrixObjective
     eigenvalue_floor: float = 0.0
 
@@ -47,7 +47,7 @@ class MeritFunction:
         """Return the place of parameters p (q,), moved into their box."""
         return self.assess(self.program.evaluate(np.clip(p, self.program.lower, self.program.upper)), scaling)
 
-    def assess(self, evaluation: Evaluation, scaling: MeritScaling) -> Iterate:
+    def assess(self, evaluation: AbstractEvaluation, scaling: MeritScaling) -> Iterate:
         """Return what values are worth."""
         floors = self.floors(evaluation)
         return self.rescale(
@@ -66,17 +66,16 @@ class MeritFunction:
         merit = (iterate.evaluation.price - iterate.objective_value) / scaling.unit + scaling.penalty * iterate.violation
         return replace(iterate, merit=float(merit) if np.isfinite(merit) else np.inf)
 
-    def floors(self, evaluation: Evaluation) -> np.ndarray:
+    def floors(self, evaluation: AbstractEvaluation) -> np.ndarray:
         """Matrices (f, n, n) that must be >= I."""
         return self._stack_floors(evaluation.floors, evaluation.matrices)
 
-    def floor_derivatives(self, derivatives: Derivatives) -> np.ndarray:
+    def floor_derivatives(self, derivatives: AbstractDerivatives) -> np.ndarray:
         """Their derivatives (f, q, n, n)."""
         return self._stack_floors(derivatives.floors, derivatives.matrices)
 
     def _stack_floors(self, floors: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-        floor = self.program.problem.floor
-        scaled = floors if floor is None else floors / floor.value
+        scaled = floors / self.program.floor_level
         return np.concatenate([scaled, matrices / self.eigenvalue_floor]) if self.eigenvalue_floor else scaled
 
 

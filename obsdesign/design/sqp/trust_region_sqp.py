@@ -9,8 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from obsdesign.design.nlp.abstract import AbstractProgram
-from obsdesign.design.nlp.evaluation import Derivatives, Evaluation, Multipliers
+from obsdesign.design.sqp.evaluation import AbstractDerivatives, AbstractEvaluation, Multipliers
 from obsdesign.design.sqp.local_model import (
     FEASIBILITY_TOLERANCE,
     LocalModel,
@@ -24,6 +23,7 @@ from obsdesign.design.sqp.local_model import (
 )
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, initial_weights
 from obsdesign.design.sqp.merit import Iterate, MeritFunction, MeritScaling
+from obsdesign.design.sqp.nonlinear_program import AnyProgram
 from obsdesign.status import Status
 
 MAX_ITERATIONS = 150  # work, not seconds, decides when a climb is given up
@@ -86,7 +86,7 @@ class _SolverState:
     radius: float
     at_bound: np.ndarray
     relaxations: int = 0
-    slopes: Derivatives | None = None
+    slopes: AbstractDerivatives | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class _StepOutcome:
 
 
 def solve(
-    program: AbstractProgram,
+    program: AnyProgram,
     objective: AbstractMatrixObjective,
     p: np.ndarray,
     warm_start: WarmStart | None = None,
@@ -146,7 +146,7 @@ def _initial_state(merit_function: MeritFunction, p: np.ndarray, warm_start: War
     return _SolverState(merit_function.assess(evaluation, scaling), multipliers, scaling, radius, np.zeros(len(p), dtype=bool))
 
 
-def _initial_multipliers(merit_function: MeritFunction, evaluation: Evaluation, scaling: MeritScaling) -> Multipliers:
+def _initial_multipliers(merit_function: MeritFunction, evaluation: AbstractEvaluation, scaling: MeritScaling) -> Multipliers:
     """Multipliers before any model was solved: the aim's slope, and nothing for limits."""
     weights = initial_weights(merit_function.objective, evaluation.matrices) / scaling.unit
     Z = np.nan_to_num(merit_function.objective.gradients(evaluation.matrices) * weights[:, None, None])
@@ -290,8 +290,7 @@ def _update_scaling(merit_function: MeritFunction, state: _SolverState) -> _Solv
 
 def _slack_price(merit_function: MeritFunction, multipliers: Multipliers) -> float:
     """What all limits together would pay for slack: a penalty above it is exact."""
-    floor = merit_function.program.problem.floor
-    floor_price = 0.0 if floor is None else floor.value * float(np.trace(multipliers.floors, axis1=1, axis2=2).sum())
+    floor_price = merit_function.program.floor_level * float(np.trace(multipliers.floors, axis1=1, axis2=2).sum())
     eigenvalue_price = (
         merit_function.eigenvalue_floor * float(np.trace(multipliers.matrices, axis1=1, axis2=2).sum())
         if merit_function.eigenvalue_floor

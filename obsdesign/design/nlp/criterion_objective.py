@@ -1,0 +1,75 @@
+"""A criterion of the judged states as the solver's objective."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.criteria._factor import elimination_matrix, schur_complement
+from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective
+
+_UNIT_SHARE = 1e-2  # share of the mean eigenvalue that counts as one unit where the smallest is next to nothing
+
+
+@dataclass(frozen=True, eq=False)
+class CriterionObjective(AbstractMatrixObjective):
+    """A criterion of the states that are judged (indices)."""
+
+    criterion: AbstractCriterion
+    state_indices: np.ndarray
+    worst_case: bool
+
+    @property
+    def is_cone(self) -> bool:
+        return self.criterion.is_smallest_eigenvalue
+
+    @property
+    def is_worst_case(self) -> bool:
+        return self.worst_case
+
+    def cone_matrix(self, n: int) -> np.ndarray:
+        E = np.zeros((n, n))
+        E[self.state_indices, self.state_indices] = 1.0
+        return E
+
+    def values(self, matrices: np.ndarray) -> np.ndarray:
+        if self.is_cone and len(self.state_indices) == matrices.shape[-1]:
+            return np.linalg.eigvalsh(matrices)[:, 0] if np.isfinite(matrices).all() else np.full(len(matrices), -np.inf)
+        return np.array([self.criterion.value(schur_complement(W, self.state_indices)) for W in matrices])
+
+    def gradients(self, matrices: np.ndarray) -> np.ndarray:
+        gradients = np.empty_like(matrices)
+        for i, W in enumerate(matrices):
+            L = elimination_matrix(W, self.state_indices)
+            gradients[i] = L @ self.criterion.slope(L.T @ W @ L) @ L.T
+        return gradients
+
+    def curvatures(self, matrices: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
+        eliminated = np.setdiff1d(np.arange(matrices.shape[-1]), self.state_indices)
+        curvatures = []
+        for W, D in zip(matrices, derivatives, strict=True):
+            L = elimination_matrix(W, self.state_indices)
+            V, DL = L.T @ W @ L, D @ L
+            curvature = self.criterion.curvature(V, L.T @ DL)
+            if eliminated.size:
+                # d2 shadow = -2 L'D P W_bb^-1 P'D L
+                cross, Z = DL[:, eliminated], self.criterion.slope(V)
+                solution = np.linalg.solve(W[np.ix_(eliminated, eliminated)], cross)
+                curvature = curvature + 2 * np.einsum("iak,kl,jal->ij", cross, Z, solution)
+            curvatures.append(curvature)
+        return np.array(curvatures)
+
+    def unit(self, matrices: np.ndarray) -> float:
+        value = evaluate_objective(self, matrices)
+        if self.is_cone:
+            # 1 where nothing is known at all: a unit next to 0 would make multipliers overflow
+            return max(value, _UNIT_SHARE * float(np.mean(np.trace(matrices, axis1=1, axis2=2))) / matrices.shape[-1]) or 1.0
+        return max(abs(value), np.finfo(float).tiny) if np.isfinite(value) and value and self.criterion.resolution == 0 else 1.0
+
+
+def matrix_objective_of(problem: DesignProblem) -> CriterionObjective:
+    """Return what a problem maximises."""
+    return CriterionObjective(problem.criterion, problem.about_indices, problem.robust is None or problem.robust.worst)
