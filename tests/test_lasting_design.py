@@ -11,9 +11,9 @@ import pytest
 
 import obsdesign as od
 from obsdesign.design.feasibility import initial_rows
+from obsdesign.design.floor import Floor
 from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
-from obsdesign.design.problem import Floor
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.design.weave import best_weave
 from obsdesign.joint.problem import JointProblem

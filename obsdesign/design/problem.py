@@ -11,13 +11,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import as_array, as_pair, require_count, require_known, require_positive, require_tolerance
+from obsdesign.checks import as_array, as_pair, require_tolerance
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs._price_budget import Budget, Price
 from obsdesign.criteria._factor import schur_complement
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.problem_checks import require_consistent
+from obsdesign.design.floor import Floor
+from obsdesign.design.problem_checks import (
+    Durations,
+    position_of,
+    require_costs,
+    require_inputs,
+    require_known_information,
+    require_one_knowledge,
+    require_start,
+    require_states,
+    require_times,
+    require_weights,
+)
+from obsdesign.design.robust import Robust
 from obsdesign.display import AbstractDisplay, Summary, number, numbers
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import as_scale, as_state, simulate, substeps_needed
@@ -27,53 +40,8 @@ from obsdesign.information.accumulation import batch_information, path_informati
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.posterior import posterior_information
 from obsdesign.paths.abstract import AbstractPath, Grid
-from obsdesign.prior import Prior
 from obsdesign.round_off import may_be_singular
 from obsdesign.trajectory import TOLERANCE, Trajectory
-
-
-@validate_arguments
-@dataclass(frozen=True)
-class Floor:
-    """No part of the path hides the state: lambda_min(S W S) of every stretch is at least `value`, W about the state at its beginning.
-
-    Stretches begin every half of their length.
-    """
-
-    seconds: float
-    """Length of a stretch [s]."""
-    value: float
-    """The least smallest eigenvalue, in scaled states."""
-
-    def __post_init__(self) -> None:
-        require_positive("floor: seconds", self.seconds)
-        require_positive("floor: value", self.value)
-
-
-@dataclass(frozen=True)
-class Robust:
-    """Judge the path from draws of the prior of x(t_0), with the same inputs: by the worst of them, or by their mean.
-
-    The same seed, the same draws. Limits hold on the path from the problem's own start.
-    """
-
-    prior: Prior
-    """Where x(t_0) may be."""
-    samples: int = 16
-    """Number of draws."""
-    worst: bool = True
-    """Whether the worst of the draws counts; False: their mean."""
-    seed: int = 0
-    """Seed of the draws."""
-
-    def __post_init__(self) -> None:
-        require_count("robust: samples", self.samples)
-        require_count("robust: seed", self.seed, minimum=0)
-
-    def draws(self, count: int, seed: int) -> np.ndarray:
-        """Return `count` starts (count, n) from the prior, in the units of the states; other draws for another seed."""
-        normal = np.random.default_rng([self.seed, seed]).standard_normal((count, self.prior.mean.size))
-        return self.prior.mean + normal @ np.linalg.cholesky(self.prior.covariance).T
 
 
 @validate_arguments
@@ -151,7 +119,20 @@ class DesignProblem(AbstractDisplay):
         if not isinstance(self.duration, (int, float)):
             set_field(self, "duration", as_pair("duration", self.duration))
         set_field(self, "weights", self._as_weights())
-        require_consistent(self)
+        self._require_consistent()
+
+    def _require_consistent(self) -> None:
+        """Raise InputError for the first thing that does not fit."""
+        model, durations, knowledge = self.system.model, Durations(self.shortest, self.longest, self.step), self.criterion.knowledge
+        require_times(durations, self.floor, self.constraints)
+        require_inputs(model.input_names, self.bounds, self.rates)
+        require_costs(model, self.grid.centre, [term.cost for term in (*self.prices, *self.budgets)])
+        require_states(model.state_names, self.about)
+        require_known_information(np.asarray(self.known), len(model.states))
+        require_one_knowledge(model.state_names, knowledge, self.robust, self.floor)
+        require_weights(None if self.weights is None else np.asarray(self.weights), model, durations, knowledge, self.robust)
+        self.path.box(self.grid)
+        require_start(model, self.x0, self.constraints)
 
     def _as_weights(self) -> np.ndarray | None:
         """Weights (K, S) as an array, None where all are 1: then nothing is weighed, not even in the order of sums."""
@@ -285,9 +266,7 @@ class DesignProblem(AbstractDisplay):
     @property
     def position(self) -> tuple[int, int]:
         """Where x and y stand in the state; raises InputError for a system without them."""
-        names = self.system.model.state_names
-        require_known("constraints: the state", ("x", "y"), names)
-        return names.index("x"), names.index("y")
+        return position_of(self.system.model.state_names)
 
     @cached_property
     def _key(self) -> tuple[object, ...]:

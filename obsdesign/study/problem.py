@@ -7,7 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from obsdesign.costs._price_budget import Budget, Price
-from obsdesign.design.problem import DesignProblem, Floor, Robust
+from obsdesign.design.floor import Floor
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.robust import Robust
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
