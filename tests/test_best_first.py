@@ -9,13 +9,14 @@ import pytest
 from test_selection_cuts import CASES, Case
 
 import obsdesign as od
+from obsdesign.conic import svec
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.integer.best_first_search import continue_best_first, search_best_first, supports_best_first
 from obsdesign.selection.integer.reduced_problem import ReducedProblem, reduce_problem
 from obsdesign.selection.integer.rounding import purify
 from obsdesign.selection.integer.search import Clock, Incumbent, SelectionOptions, find_incumbent
 from obsdesign.selection.integer.smoothed_dual import SmoothedDual, branch_decreases, descend, evaluate_duals, quadratic_models, smooth_dual
-from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, solve_relaxation
 
 NEVER = Clock(0.0, np.inf)

@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.checks import require_count
+from obsdesign.conic import svec
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.errors import InputError
 from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 from obsdesign.selection.pricing.cardinality import CardinalitySchedules
 from obsdesign.selection.pricing.dwell_chain import DwellChain
 from obsdesign.selection.pricing.patterns import PatternSchedules
-from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.scaled_criterion import ScaledCriterion
 from obsdesign.selection.schedule import require_blocks
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
+from obsdesign.conic import smat, svec
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.rules.abstract import Resource
 from obsdesign.selection.double_double import DoubleDouble
@@ -180,23 +181,3 @@ def switch_ons(chosen: np.ndarray) -> np.ndarray:
     before = np.zeros_like(chosen)
     before[1:] = chosen[:-1]
     return chosen & ~before
-
-
-def svec(W: np.ndarray) -> np.ndarray:
-    """Return symmetric matrices (..., n, n) as vectors (..., n (n + 1) / 2) with the same inner product."""
-    rows, columns, weights = _triangle(W.shape[-1])
-    return W[..., rows, columns] * weights
-
-
-def smat(values: np.ndarray, n: int) -> np.ndarray:
-    """Return the symmetric matrices (..., n, n) of vectors."""
-    rows, columns, weights = _triangle(n)
-    W = np.empty((*values.shape[:-1], n, n))
-    W[..., rows, columns] = W[..., columns, rows] = values / weights
-    return W
-
-
-@lru_cache(32)
-def _triangle(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rows, columns = np.tril_indices(n)
-    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.conic import svec
 from obsdesign.selection.integer.branch_and_bound import TreeResult, cutoff, schedules_of, within_limits
 from obsdesign.selection.integer.local_search import improve_by_exchange
 from obsdesign.selection.integer.reduced_problem import ReducedProblem, information_of_sums, reduce_problem
 from obsdesign.selection.integer.search import DUALS, Clock, Incumbent, SelectionOptions
 from obsdesign.selection.integer.smoothed_dual import SmoothedDual, branch_decreases, descend, evaluate_duals, smooth_dual
 from obsdesign.selection.pricing.abstract import AbstractSeparateSchedules
-from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution
 
 _WIDTH = 128  # partial schedules that are branched on at a time

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obsdesign.conic import svec
 from obsdesign.selection.integer.local_search import improve_by_exchange
 from obsdesign.selection.pricing.cardinality import CardinalitySchedules, top_of
-from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, is_gap_closed
 
 if TYPE_CHECKING:

@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from obsdesign.conic import smat, svec
 from obsdesign.selection.pricing.abstract import AbstractSeparateSchedules
 from obsdesign.selection.pricing.dwell_chain import DwellChain
-from obsdesign.selection.problem import SelectionProblem, smat, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.dual import Dual
 
 _MAX_LAYERS = 1500  # undecided segments, and ...

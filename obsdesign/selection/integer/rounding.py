@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, sparse
 
+from obsdesign.conic import svec
 from obsdesign.selection.integer.reduced_problem import Layer, ReducedProblem, information_of_sums, make_layer, price_vector
-from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, gap_scale, solve_relaxation
 from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.relaxation.restricted_master import Column

@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from obsdesign.conic import smat, svec
 from obsdesign.selection.integer.reduced_problem import ReducedProblem
-from obsdesign.selection.problem import SelectionProblem, smat, svec
+from obsdesign.selection.problem import SelectionProblem
 
 _EPS = float(np.finfo(float).eps)
 _RIDGE = 1e-13  # on a unit diagonal: some hundred times the rounding of a double, so that its factor exists; steps bend by as little

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from obsdesign.conic import smat, svec
 from obsdesign.selection.pricing.cardinality import CardinalitySchedules, top_of
-from obsdesign.selection.problem import SelectionProblem, smat, svec
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.dual import Dual
 
 _BARRIER_REDUCTION = 0.15  # of the barrier from one centre to the next

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from obsdesign.selection.problem import SelectionProblem, svec
+from obsdesign.conic import nonnegative_cone, solve_conic_program, svec, zero_cone
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.dual import Dual
-from obsdesign.selection.relaxation.restricted_master import Column, Mixture, clarabel, solve_conic_program
+from obsdesign.selection.relaxation.restricted_master import MASTER_SETTINGS, Column, Mixture
 
 _MAX_STEPS = 40  # of Newton's method at most; it ends before when a step promises less than _ENOUGH
 _MIN_INCREASE = 1e-11  # of the value: what a step must promise
@@ -88,7 +89,12 @@ def _newton_step(
     rows[1 + J + m :, :J], rows[1 + J + m :, J] = -slopes / unit, 1.0
     right_hand_side = np.concatenate([[1.0], np.zeros(J), instance.limits / scale, (values - slopes @ shares) / unit])
     solution = solve_conic_program(
-        sparse.csc_matrix(np.triu(P)), objective, rows, right_hand_side, [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(J + m + R)]
+        sparse.csc_matrix(np.triu(P)),
+        objective,
+        sparse.csc_matrix(rows),
+        right_hand_side,
+        [zero_cone(1), nonnegative_cone(J + m + R)],
+        MASTER_SETTINGS,
     )
     if solution is None:
         return None

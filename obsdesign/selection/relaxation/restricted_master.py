@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
 
-import clarabel as _untyped
 import numpy as np
 from scipy import sparse
 
+from obsdesign.conic import ConicSettings, nonnegative_cone, semidefinite_cone, smat, solve_conic_program, svec, zero_cone
 from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.dual import Dual
 
-clarabel: Any = _untyped  # its stubs leave out what it has
-_ACCEPTED = ("Solved", "AlmostSolved")
+MASTER_SETTINGS = ConicSettings(tolerance=1e-10, max_iterations=100)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +62,22 @@ def _maximise_eigenvalue(instance: SelectionProblem, columns: list[Column]) -> M
     D = _column_scaling(W)
     unit, metric = _metric_in_units(instance, D)
     scaled = W * np.outer(D, D)
-    cone = np.vstack([np.hstack([-clarabel_svec(scaled[:, r]).T, clarabel_svec(np.diag(metric))[:, None]]) for r in range(R)])
+    cone = np.vstack([np.hstack([-svec(scaled[:, r]).T, svec(np.diag(metric))[:, None]]) for r in range(R)])
     usage = np.stack([column.usage for column in columns]).T if m else np.zeros((0, J))
     scale = np.maximum(instance.limits, 1e-9 + np.abs(usage).max(axis=1, initial=0.0)) if m else np.zeros(0)
     rows = np.vstack([np.hstack([np.ones((1, J)), np.zeros((1, 1))]), np.hstack([-np.eye(J), np.zeros((J, 1))])])
     rows = np.vstack([rows, np.hstack([usage / scale[:, None], np.zeros((m, 1))]), cone])
     right_hand_side = np.concatenate([[1.0], np.zeros(J), instance.limits / scale, np.zeros(len(cone))])
     objective = np.append([column.penalty / unit for column in columns], -1.0)
-    cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(J + m), *(clarabel.PSDTriangleConeT(n) for _ in range(R))]
-    solution = solve_conic_program(sparse.csc_matrix((J + 1, J + 1)), objective, rows, right_hand_side, cones)
+    cones = [zero_cone(1), nonnegative_cone(J + m), *(semidefinite_cone(n) for _ in range(R))]
+    solution = solve_conic_program(
+        sparse.csc_matrix((J + 1, J + 1)), objective, sparse.csc_matrix(rows), right_hand_side, cones, MASTER_SETTINGS
+    )
     if solution is None:
         return None
     x, z = solution
     size_of_Z = n * (n + 1) // 2
-    Z = np.stack([clarabel_smat(z[1 + J + m + r * size_of_Z :][:size_of_Z], n) for r in range(R)])
+    Z = np.stack([smat(z[1 + J + m + r * size_of_Z :][:size_of_Z], n) for r in range(R)])
     Z = normalise_dual(Z, metric) * np.outer(D, D) * unit
     mu = np.maximum(z[1 + J : 1 + J + m], 0.0) / scale * unit if m else np.zeros(0)
     shares = np.maximum(x[:J], 0.0)
@@ -107,46 +106,3 @@ def normalise_dual(Z: np.ndarray, metric: np.ndarray) -> np.ndarray:
         positive = np.broadcast_to(np.diag((metric > 0).astype(float)), Z.shape)
         total = len(Z) * float(metric.sum())
     return positive / total
-
-
-def solve_conic_program(
-    P: sparse.csc_matrix, objective: np.ndarray, rows: np.ndarray, right_hand_side: np.ndarray, cones: list[Any]
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Minimise x'P x / 2 + goal'x, sides - rows x in the cones: x and the multipliers, or None where Clarabel gives up."""
-    solver = clarabel.DefaultSolver(P, objective, sparse.csc_matrix(rows), right_hand_side, cones, _settings())
-    try:
-        solution = solver.solve()
-    except BaseException as error:  # a panic of Rust is no Exception
-        if type(error).__name__ == "PanicException":
-            return None
-        raise
-    return (np.array(solution.x), np.array(solution.z)) if str(solution.status) in _ACCEPTED else None
-
-
-@lru_cache(1)
-def _settings() -> Any:  # noqa: ANN401
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_iter = 100
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    return settings
-
-
-@lru_cache(16)
-def _upper_triangle(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    columns, rows = np.tril_indices(n)  # of the transpose: column by column
-    return rows, columns, np.where(rows == columns, 1.0, np.sqrt(2.0))
-
-
-def clarabel_svec(S: np.ndarray) -> np.ndarray:
-    """Upper triangles of symmetric S (..., n, n), column by column, off the diagonal times sqrt 2."""
-    rows, columns, weights = _upper_triangle(S.shape[-1])
-    return S[..., rows, columns] * weights
-
-
-def clarabel_smat(values: np.ndarray, n: int) -> np.ndarray:
-    """Return the symmetric matrix of an upper triangle."""
-    rows, columns, weights = _upper_triangle(n)
-    S = np.empty((n, n))
-    S[rows, columns] = S[columns, rows] = values / weights
-    return S
