@@ -15,10 +15,11 @@ from test_missions import FINEST, Flown, chord, distance, missed_at, ring, steep
 
 import obsdesign as od
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.feasibility import is_feasible, total_costs, violations
+from obsdesign.design.feasibility import is_feasible, violations
 from obsdesign.design.feasible_search import search_feasible_path
 from obsdesign.design.infeasibility import why_unreachable
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
+from obsdesign.design.path_costs import total_costs
 
 SHARE = 1e-6  # of a limit's own size by which it may be missed
 Random = np.random.Generator
@@ -308,7 +309,7 @@ def test_a_budget_of_length_is_kept_by_the_path_itself_however_coarse_the_steps(
     assert length <= budget.at_most * (1 + SHARE)
     left = float(np.hypot(speed[:, 0] * np.cos(path.x[:-1, 2]) + 0.5, speed[:, 0] * np.sin(path.x[:-1, 2]) - 0.4).sum() * 1.5)
     assert abs(left / length - 1) > 1e-4  # so that a left sum would not do
-    np.testing.assert_allclose(total_costs(problem, path, (budget.cost,)), length, rtol=1e-7)
+    np.testing.assert_allclose(total_costs(problem.system, path, [budget.cost]), length, rtol=1e-7)
 
 
 @pytest.mark.parametrize("speed", [1e-3, 1e4])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.criteria.log_det import LogDet
-from obsdesign.design.feasibility import is_feasible, price_of
+from obsdesign.design.feasibility import is_feasible
 from obsdesign.design.feasible_search import FeasibilitySearch
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
 from obsdesign.design.nlp.criterion_objective import CriterionObjective
@@ -63,18 +63,10 @@ def choose_best(
     return _build_design(problem, attempt, starts, cap)
 
 
-def objective_of(problem: DesignProblem, path: Trajectory) -> float:
-    """Return what is maximised, recomputed: the criterion of a path, or of the prior's draws along its inputs, minus prices."""
-    if problem.robust is None:
-        return problem.value(path) - price_of(problem, path)
-    values = problem.values(problem.robust.draws(problem.robust.samples, 0), path.u)
-    return float(values.min() if problem.robust.worst else values.mean()) - price_of(problem, path)
-
-
 def _attempt(problem: DesignProblem, solution: LocalSolution, refined: bool) -> _Attempt:
     status, value = solution.status, np.nan
     if status.has_answer:
-        value = objective_of(problem, solution.path)
+        value = problem.objective(solution.path)
         agreement = _AGREEMENT if problem.criterion.knowledge is None else _POSTERIOR_AGREEMENT
         tolerance = max(
             agreement * abs(value), problem.criterion.resolution, _ROUND_OFF_SHARE * float(np.abs(problem.matrix(solution.path)).max())
@@ -97,7 +89,7 @@ def _break_tie(problem: DesignProblem, attempt: _Attempt, cap: Cap) -> _Attempt:
     solution = solve_locally(local_solve)
     if not solution.status.has_answer or _log_det(problem, solution.path) <= _log_det(problem, attempt.solution.path):
         return attempt
-    value = objective_of(problem, solution.path)
+    value = problem.objective(solution.path)
     if value < cap.value * (1 - _AGREEMENT) or not is_feasible(problem, solution.path):
         return attempt
     iterations = attempt.start.iterations + solution.iterations
@@ -151,9 +143,7 @@ def _best_feasible(problem: DesignProblem, solutions: Sequence[LocalSolution], s
     if search is not None and search.is_feasible:
         feasible.append(as_local_solution(search))
     attempts = [
-        _Attempt(
-            solution, Start(solution.name, Status.GAP_OPEN, objective_of(problem, solution.path), solution.iterations, solution.residual)
-        )
+        _Attempt(solution, Start(solution.name, Status.GAP_OPEN, problem.objective(solution.path), solution.iterations, solution.residual))
         for solution in feasible
     ]
     return max(attempts, key=lambda attempt: np.nan_to_num(attempt.start.value, nan=-np.inf), default=None)

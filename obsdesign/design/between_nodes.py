@@ -10,12 +10,13 @@ import numpy as np
 from obsdesign.constraints.abstract import Span
 from obsdesign.design.nlp.margin_curves import Intervals, MarginCurves, best_instant, intersect_intervals, margin_curves_of
 from obsdesign.design.nlp.node_functions import NodeFunctions, node_functions_of
+from obsdesign.design.path_costs import REFINEMENT, refine_path
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.quintic import minimise_quintic
-from obsdesign.dynamics.simulation import states_from, substeps_along
+from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.trajectory import Trajectory
 
-REFINEMENT, _MAX_REFINEMENT = 10, 160  # steps of the check for one step of the path: at first, and at most
+_MAX_REFINEMENT = 160  # steps of the check for one step of the path at most
 _INTEGRATION_TOLERANCE = 1e-8  # what integration may add to a margin of order 1
 _COARSE_TOLERANCE = (
     1e-5  # a path whose margins differ by less from those of steps a tenth as long, 10^4 times as exact, needs no finer ones
@@ -171,7 +172,7 @@ def fine_path(problem: DesignProblem, path: Trajectory) -> FinePath:
 
 def _integrate_finely(problem: DesignProblem, path: Trajectory, refinement: int) -> FinePath:
     model = problem.system.model
-    step, x, u = refine_path(problem, path, refinement)
+    step, x, u = refine_path(problem.system, path, refinement)
     return FinePath(
         margin_curves_of(model, problem.constraints), node_functions_of(model, problem.constraints), np.arange(len(x)) * step, x, u
     )
@@ -180,16 +181,6 @@ def _integrate_finely(problem: DesignProblem, path: Trajectory, refinement: int)
 def _margin_difference(nominal: np.ndarray, first_states: np.ndarray, second_states: np.ndarray) -> float:
     """By how much margins (N+1, r) of two sets of states differ, where those of the path are near 0."""
     return float(np.abs(first_states - second_states)[nominal < 1.0].max(initial=0.0))
-
-
-def refine_path(problem: DesignProblem, path: Trajectory, refinement: int) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return shorter steps [s] along a path, so many for each of its own: states (finer N + 1, n), inputs (finer N, m).
-
-    They are made of ten times as many sub-steps as the path itself, or more: exact to a ten thousandth of what it is.
-    """
-    substeps = -(-REFINEMENT * substeps_along(problem.system, path) // refinement)
-    u = np.repeat(path.u, refinement, axis=0)
-    return path.step / refinement, states_from(problem.system, path.x[:1], u, path.step / refinement, substeps=substeps)[0], u
 
 
 def _local_minima(which: np.ndarray, value: np.ndarray) -> np.ndarray:

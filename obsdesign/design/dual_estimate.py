@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.best_design import choose_best, objective_of
+from obsdesign.design.best_design import choose_best
 from obsdesign.design.feasibility import is_feasible
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
@@ -18,7 +18,6 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design, Evidence
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, minimise
 from obsdesign.design.sqp.matrix_objective import LinearObjective
-from obsdesign.dynamics.simulation import simulate
 
 _ROUNDS, _RANDOM_PATHS = 6, 40  # of a new Z; paths that are looked at without a climb
 _TOLERANCE = 1e-4  # remaining difference, relative, at which it stops
@@ -66,8 +65,7 @@ def _random_paths(problem: DesignProblem, seed: int) -> list[_PathInformation]:
     paths = []
     for _, u in islice(start_inputs(problem, seed + 1), _RANDOM_PATHS):
         p = problem.path.fit(u, problem.grid)
-        u_fit = np.array(problem.path.inputs(p, problem.grid), dtype=float).reshape(problem.steps, -1)  # pyright: ignore[reportArgumentType]
-        path = simulate(problem.system, problem.x0, u_fit, problem.step, tolerance=problem.tolerance)
+        path = problem.path_of(p)
         if is_feasible(problem, path):
             paths.append((path.u, problem.matrix(path)))
     return paths
@@ -123,11 +121,11 @@ def _improve_from_best(design: Design, solutions: Sequence[LocalSolution]) -> De
     problem = design.problem
     if not solutions:
         return design
-    best = max(solutions, key=lambda solution: objective_of(problem, solution.path))
+    best = max(solutions, key=lambda solution: problem.objective(solution.path))
     refined = solve_locally(LocalSolve(problem, "from the dual question", best.u, (problem.path,), True))
     if not refined.status.has_answer or not is_feasible(problem, refined.path):
         return design
-    value = objective_of(problem, refined.path)
+    value = problem.objective(refined.path)
     if value <= design.objective * (1 + 1e-6):
         return design
     improved = choose_best(problem, [refined], [refined])

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.costs.abstract import AbstractCost
-from obsdesign.design.between_nodes import REFINEMENT, MarginMinimum, fine_path, refine_path
+from obsdesign.design.between_nodes import MarginMinimum, fine_path
 from obsdesign.design.nlp.constraint_rows import initial_rows, node_margins, nodes_between, tighten, time_window
 from obsdesign.design.nlp.node_functions import node_functions_of
+from obsdesign.design.path_costs import total_costs
 from obsdesign.design.problem import DesignProblem
 from obsdesign.information.windows import sliding_information
 from obsdesign.trajectory import Trajectory
@@ -24,9 +24,7 @@ __all__ = (
     "is_feasible",
     "node_margins",
     "nodes_within",
-    "price_of",
     "tighten",
-    "total_costs",
     "violations",
 )
 
@@ -130,8 +128,7 @@ def _family_rates(problem: DesignProblem, u: np.ndarray) -> np.ndarray:
     if len(u) != grid.steps:
         return unbounded
     p = problem.path.fit(u, grid)
-    fitted_inputs = np.array(problem.path.inputs(p, grid), dtype=float).reshape(u.shape)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    if not (np.abs(fitted_inputs - u) <= MARGIN_TOLERANCE * (problem.upper - problem.lower)).all():
+    if not (np.abs(problem.inputs_of(p) - u) <= MARGIN_TOLERANCE * (problem.upper - problem.lower)).all():
         return unbounded
     rates = np.array(problem.path.rates(p, grid), dtype=float)  # pyright: ignore[reportArgumentType]
     return np.abs(rates).max(axis=0, initial=0.0)
@@ -139,7 +136,7 @@ def _family_rates(problem: DesignProblem, u: np.ndarray) -> np.ndarray:
 
 def _budget_violations(problem: DesignProblem, path: Trajectory) -> list[Violation]:
     broken = []
-    for budget, total in zip(problem.budgets, total_costs(problem, path, tuple(budget.cost for budget in problem.budgets)), strict=True):
+    for budget, total in zip(problem.budgets, total_costs(problem.system, path, [budget.cost for budget in problem.budgets]), strict=True):
         margin = 1 - total / budget.at_most
         if margin < -MARGIN_TOLERANCE:
             what = f"{budget.cost} at most {budget.at_most:g} {budget.cost.unit}".rstrip()
@@ -161,22 +158,6 @@ def _floor_violations(problem: DesignProblem, path: Trajectory) -> list[Violatio
         return []
     what = f"Floor: lambda_min of every {floor.seconds:g} s at least {floor.value:g}"
     return [Violation(what, float(path.t[k]), float(floor.value - lowest[k]), "", margin)]
-
-
-def price_of(problem: DesignProblem, path: Trajectory) -> float:
-    """Return what the criterion loses to prices along a path."""
-    if not problem.prices:
-        return 0.0
-    totals = total_costs(problem, path, tuple(price.cost for price in problem.prices))
-    return float(np.array([price.per_unit for price in problem.prices]) @ totals)
-
-
-def total_costs(problem: DesignProblem, path: Trajectory, costs: tuple[AbstractCost, ...]) -> np.ndarray:
-    """Return what costs (c,) come to along a path, integrated within tenths of its steps."""
-    if not costs:
-        return np.zeros(0)
-    step, x, u = refine_path(problem, path, REFINEMENT)
-    return node_functions_of(problem.system.model, (), costs, (step, 1)).values(x[:-1], u).sum(axis=0) * step
 
 
 def _value(minimum: MarginMinimum) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,10 @@ from obsdesign.design.nlp.constraint_rows import initial_rows, tighten, time_win
 from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.sqp.local_model import FEASIBILITY_TOLERANCE
 from obsdesign.design.sqp.matrix_objective import zero_objective
-from obsdesign.design.sqp.trust_region_sqp import FEASIBILITY_TOLERANCE, StoppingCriteria, solve
-from obsdesign.dynamics.simulation import simulate, states_from
+from obsdesign.design.sqp.trust_region_sqp import StoppingCriteria, solve
+from obsdesign.dynamics.simulation import states_from
 from obsdesign.trajectory import Trajectory
 
 # random paths that are looked at, and how many of all so far are worked on, round by round
@@ -121,7 +121,7 @@ def _violation_table(problem: DesignProblem, parameters: np.ndarray) -> np.ndarr
     owner, batches = np.array(functions.owner), []
     size = max(1, _MAX_STATES // (grid.steps + 1))
     for first in range(0, len(parameters), size):
-        u = np.array([_inputs(problem, p) for p in parameters[first : first + size]])
+        u = np.array([problem.inputs_of(p) for p in parameters[first : first + size]])
         x = states_from(problem.system, np.tile(problem.x0, (len(u), 1)), u, problem.step, substeps=problem.substeps)
         ends = np.concatenate([u, u[:, -1:]], axis=1)
         values = functions.values(x.reshape(-1, x.shape[2]), ends.reshape(-1, ends.shape[2])).reshape(*x.shape[:2], -1)
@@ -168,13 +168,7 @@ def _repair_start(problem: DesignProblem, p: np.ndarray, repair_limit: float) ->
     return FeasibilitySearch(path, p, margin, 1)
 
 
-def _inputs(problem: DesignProblem, p: np.ndarray) -> np.ndarray:
-    """Inputs (N, m) of parameters (q,)."""
-    u: Any = problem.path.inputs(p, problem.grid)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    return np.asarray(u, dtype=float).reshape(problem.steps, -1)
-
-
 def _simulate_and_check(problem: DesignProblem, p: np.ndarray) -> tuple[Trajectory, float]:
     """The path of parameters, and its least margin where that is below 0; 0 where all limits are kept."""
-    path = simulate(problem.system, problem.x0, _inputs(problem, p), problem.step, tolerance=problem.tolerance)
+    path = problem.path_of(p)
     return path, min((violation.margin for violation in violations(problem, path)), default=0.0)

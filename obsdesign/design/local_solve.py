@@ -12,8 +12,8 @@ from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective
-from obsdesign.design.sqp.trust_region_sqp import TOLERANCE, Solution, StoppingCriteria, WarmStart, solve
-from obsdesign.dynamics.simulation import simulate
+from obsdesign.design.sqp.solver_state import WarmStart
+from obsdesign.design.sqp.trust_region_sqp import TOLERANCE, Solution, StoppingCriteria, solve
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
@@ -88,7 +88,7 @@ def _solve_and_tighten(problem: DesignProblem, local_solve: LocalSolve, u: np.nd
             StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE),
         )
         iterations += solution.iterations
-        p, warm_start, path = solution.p, solution.warm_start, _simulate(problem, solution.p)
+        p, warm_start, path = solution.p, solution.warm_start, problem.path_of(solution.p)
         tighter_rows = tighten(problem, path, rows, factor) if is_checked and solution.status.has_answer else None
         if tighter_rows is None or round_ == len(_ALLOWANCE_FACTORS) - 1:
             return _local_solution(
@@ -99,12 +99,6 @@ def _solve_and_tighten(problem: DesignProblem, local_solve: LocalSolve, u: np.nd
             tighter_rows,
         )
     raise AssertionError("the last round returns")
-
-
-def _simulate(problem: DesignProblem, p: np.ndarray) -> Trajectory:
-    grid = problem.grid
-    u = np.array(problem.path.inputs(p, grid), dtype=float)  # pyright: ignore[reportArgumentType]  # serves both kinds
-    return simulate(problem.system, problem.x0, u.reshape(grid.steps, -1), problem.step, tolerance=problem.tolerance)
 
 
 def _local_solution(name: str, path: Trajectory, solution: Solution, iterations: int, status: Status) -> LocalSolution:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +14,10 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, as_pair, require_tolerance
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.costs._price_budget import Budget, Price
-from obsdesign.criteria._factor import schur_complement
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.floor import Floor
+from obsdesign.design.objective import PathObjective
 from obsdesign.design.problem_checks import (
     Durations,
     position_of,
@@ -31,16 +31,11 @@ from obsdesign.design.problem_checks import (
     require_weights,
 )
 from obsdesign.design.robust import Robust
+from obsdesign.design.substeps import substeps_within_bounds
 from obsdesign.display import AbstractDisplay, Summary, number, numbers
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.dynamics.simulation import as_scale, as_state, simulate, substeps_needed
-from obsdesign.dynamics.substeps import substeps_from
-from obsdesign.errors import InputError
-from obsdesign.information.accumulation import batch_information, path_information
-from obsdesign.information.gramian import variational_gramian
-from obsdesign.information.posterior import posterior_information
+from obsdesign.dynamics.simulation import as_scale, as_state, simulate
 from obsdesign.paths.abstract import AbstractPath, Grid
-from obsdesign.round_off import may_be_singular
 from obsdesign.trajectory import TOLERANCE, Trajectory
 
 
@@ -164,25 +159,8 @@ class DesignProblem(AbstractDisplay):
 
     @cached_property
     def substeps(self) -> int:
-        """Of how many sub-steps the steps of a climb are made; a path that was found is judged with as many as it needs itself.
-
-        Enough for all inputs within the bounds where the graph tells, else for each input held at either bound and in the middle.
-        """
-        with suppress(InputError):
-            extremes = np.vstack([self.lower, self.upper])
-            by_structure = substeps_from(self.system.model, self.x0[None], extremes, None, self.step, self.tolerance)
-            if by_structure is not None:
-                return int(by_structure[0])
-        grid, inputs = self.grid, np.array(list(zip(self.lower, self.upper, strict=True))).reshape(-1, 2)
-        constant_inputs = [
-            grid.centre,
-            *(np.where(np.arange(len(inputs)) == j, side, grid.centre) for j, pair in enumerate(inputs) for side in pair),
-        ]
-        counts = [1]
-        for u in (*constant_inputs, self.lower, self.upper):
-            with suppress(InputError):  # a motion that runs away, or is not wanted: the path that is found is judged by itself
-                counts += substeps_needed(self.system, self.x0[None], np.tile(u, (self.steps, 1)), self.step, None, self.tolerance).tolist()
-        return max(counts)
+        """Of how many sub-steps the steps of the program are made; a path that was found is judged with as many as it needs itself."""
+        return substeps_within_bounds(self.system, self.x0, self.grid, self.tolerance)
 
     @property
     def x0(self) -> np.ndarray:
@@ -215,53 +193,74 @@ class DesignProblem(AbstractDisplay):
         names = self.system.model.state_names
         return np.array([names.index(name) for name in self.about or names])
 
+    # ---------------------------------------------------------------- paths
+
+    def inputs_of(self, p: np.ndarray) -> np.ndarray:
+        """Return the inputs u (N, m) of parameters p (q,) of the family."""
+        u: Any = self.path.inputs(p, self.grid)  # pyright: ignore[reportArgumentType]  # serves numbers and symbols
+        return np.asarray(u, dtype=float).reshape(self.steps, -1)
+
+    def path_along(self, u: np.ndarray) -> Trajectory:
+        """Return the path from the start with inputs u (N, m), of any length."""
+        return simulate(self.system, self.x0, u, self.step, tolerance=self.tolerance)
+
+    def path_of(self, p: np.ndarray) -> Trajectory:
+        """Return the path of parameters p (q,) of the family."""
+        return self.path_along(self.inputs_of(p))
+
+    # ---------------------------------------------------------------- what is maximised
+
+    @cached_property
+    def _objective(self) -> PathObjective:
+        weights = None if self.weights is None else np.asarray(self.weights)
+        return PathObjective(
+            system=self.system,
+            step=self.step,
+            tolerance=self.tolerance,
+            criterion=self.criterion,
+            units=self.units,
+            known=np.asarray(self.known),
+            judged=self.about_indices,
+            weights=weights,
+            prices=self.prices,
+            robust=self.robust,
+        )
+
     def scaled(self, W: np.ndarray) -> np.ndarray:
-        """S W S (..., n, n), without unit."""
-        return W * (self.units[:, None] * self.units)  # in this order what is symmetric stays so, to the last bit
+        """S W S (..., n, n), without unit, of information W (..., n, n)."""
+        return self._objective.scaled(W)
 
     def criterion_matrix(self, W: np.ndarray) -> np.ndarray:
         """S (W + known) S (..., n, n), without unit: what of the samples' information W (..., n, n) and of `known` the criterion sees."""
-        return self.scaled(W + np.asarray(self.known))
+        return self._objective.criterion_matrix(W)
 
     def criterion_value(self, W: np.ndarray) -> float:
         """Return the criterion of information W (n, n): of S (W + known) S, about the judged states."""
-        return self.criterion.value(schur_complement(self.criterion_matrix(W), self.about_indices))
-
-    def value(self, path: Trajectory) -> float:
-        """criterion(S (W + known) S) of a path, recomputed by the analysis code; prices are not in it."""
-        return self.criterion_value(self.information_matrix(path))
-
-    def values(self, starts: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Return the value (R,) of the path from each of the starts (R, n), with inputs u (N, m), or (R, N, m) for each its own.
-
-        The same numbers as `value`; at once where all samples count once.
-        """
-        if self.criterion.knowledge is None and self.weights is None:
-            sums = batch_information(self.system, starts, u, self.step, tolerance=self.tolerance).sum(axis=1)
-        else:
-            sums = np.zeros((len(starts), self.x0.size, self.x0.size))
-        inputs = np.broadcast_to(u, (len(starts), *u.shape[-2:]))
-        return np.array(
-            [
-                self.value(simulate(self.system, x, own_inputs, self.step, tolerance=self.tolerance))
-                if may_be_singular(self.scaled(W))
-                else self.criterion_value(W)
-                for W, x, own_inputs in zip(sums, starts, inputs, strict=True)
-            ]
-        )
-
-    def matrix(self, path: Trajectory) -> np.ndarray:
-        """S (W + known) S (n, n) of a path."""
-        return self.criterion_matrix(self.information_matrix(path))
+        return self._objective.criterion_value(W)
 
     def information_matrix(self, path: Trajectory) -> np.ndarray:
         """Return the matrix (n, n) that the criterion judges of a path: W about x(t_0), or J after the last samples."""
-        knowledge = self.criterion.knowledge
-        if knowledge is None:
-            W = path_information(self.system, path, None if self.weights is None else np.asarray(self.weights))
-            residues = self.weights is None and may_be_singular(self.scaled(W))
-            return variational_gramian(self.system, path).visibility.information if residues else W
-        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs)[-2]
+        return self._objective.information_matrix(path)
+
+    def matrix(self, path: Trajectory) -> np.ndarray:
+        """S (W + known) S (n, n) of a path."""
+        return self._objective.matrix(path)
+
+    def value(self, path: Trajectory) -> float:
+        """criterion(S (W + known) S) of a path, recomputed by the analysis code; prices are not in it."""
+        return self._objective.value(path)
+
+    def values(self, starts: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Return the value (R,) of the path from each of the starts (R, n), with inputs u (N, m), or (R, N, m) for each its own."""
+        return self._objective.values(starts, u)
+
+    def price(self, path: Trajectory) -> float:
+        """Return what the criterion loses to prices along a path."""
+        return self._objective.price(path)
+
+    def objective(self, path: Trajectory) -> float:
+        """Return what is maximised, recomputed: the criterion of a path, or of the prior's draws along its inputs, minus prices."""
+        return self._objective.objective(path)
 
     @property
     def position(self) -> tuple[int, int]:

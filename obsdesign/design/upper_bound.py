@@ -9,7 +9,6 @@ from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.simulation import simulate
 from obsdesign.dynamics.step import blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import Colour, colour_of
 from obsdesign.information.whitening import outputs_with_colour
@@ -30,7 +29,7 @@ def cap_of(problem: DesignProblem) -> Cap | None:
     if not block.size:
         return None
     grid = problem.grid
-    centre_path = simulate(problem.system, problem.x0, np.tile(grid.centre, (grid.steps, 1)), problem.step, tolerance=problem.tolerance)
+    centre_path = problem.path_along(np.tile(grid.centre, (grid.steps, 1)))
     W = problem.matrix(centre_path)
     names = tuple(problem.system.model.state_names[i] for i in block)
     return Cap(smallest_eigenvalue(W[np.ix_(block, block)]), names)

@@ -8,10 +8,9 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.best_design import objective_of
-from obsdesign.design.feasibility import is_feasible, node_margins, price_of
+from obsdesign.design.feasibility import is_feasible, node_margins
 from obsdesign.design.problem import DesignProblem
-from obsdesign.dynamics.simulation import simulate, states_from
+from obsdesign.dynamics.simulation import states_from
 from obsdesign.errors import InputError
 from obsdesign.trajectory import Trajectory
 
@@ -97,7 +96,7 @@ def _feasible_weaves(problem: DesignProblem, weaves: list[Weave], inputs: np.nda
     """Yield those of the weaves with inputs (R, N, m) that break no limit between nodes either, best first."""
     values = _objectives(problem, inputs)
     for i in np.argsort(-values, kind="stable"):
-        path = simulate(problem.system, problem.x0, inputs[i], problem.step, tolerance=problem.tolerance)
+        path = problem.path_along(inputs[i])
         if is_feasible(problem, path):
             yield float(values[i]), weaves[i], path
 
@@ -108,12 +107,12 @@ def _objectives(problem: DesignProblem, inputs: np.ndarray) -> np.ndarray:
     if not problem.prices and problem.robust is None:
         return values
     selected = np.arange(len(inputs)) if problem.robust is None else np.argsort(-values, kind="stable")[:_RATED_BY_DRAWS]
-    paths = [simulate(problem.system, problem.x0, inputs[i], problem.step, tolerance=problem.tolerance) for i in selected]
+    paths = [problem.path_along(inputs[i]) for i in selected]
     objectives = np.full(len(inputs), -np.inf)
     if problem.robust is None:
-        objectives[selected] = values - [price_of(problem, path) for path in paths]
+        objectives[selected] = values - [problem.price(path) for path in paths]
     else:
-        objectives[selected] = [objective_of(problem, path) for path in paths]
+        objectives[selected] = [problem.objective(path) for path in paths]
     return objectives
 
 

@@ -15,7 +15,6 @@ from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.joint_program import JointProgram
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.sqp.trust_region_sqp import StoppingCriteria, solve
-from obsdesign.dynamics.simulation import simulate
 from obsdesign.joint.alternation import AlternationResult, AlternationStart, improve_path, make_pair
 from obsdesign.joint.problem import JointProblem
 
@@ -52,9 +51,7 @@ def round_relaxation(start: RelaxedStart) -> AlternationStart | None:
     joint_problem = start.joint_problem
     with one_thread():
         u = _solve_relaxation(start)
-        path = simulate(
-            joint_problem.problem.system, joint_problem.problem.x0, u, joint_problem.problem.step, tolerance=joint_problem.problem.tolerance
-        )
+        path = joint_problem.problem.path_along(u)
         schedule = joint_problem.select_schedule(path)
         if not schedule.status.has_answer:
             return None

@@ -17,7 +17,6 @@ from obsdesign.design.multistart import design_trajectory
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.upper_bound import cap_of
-from obsdesign.dynamics.simulation import simulate
 from obsdesign.errors import InputError, SolveError
 from obsdesign.joint.alternation import AlternationResult, AlternationStart, Pair, alternate, certify, make_pair
 from obsdesign.joint.joint_relaxation import best_distinct, relaxations, round_relaxation
@@ -128,7 +127,7 @@ def _baseline_schedule(joint_problem: JointProblem) -> tuple[Trajectory, Schedul
     """Return the path that one takes without thinking and the best schedule for it; another where that one meets a landmark."""
     problem = joint_problem.problem
     for u in _baselines(problem, joint_problem.seed):
-        path = simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
+        path = problem.path_along(u)
         try:
             joint_problem.blocks(path)
         except InputError:

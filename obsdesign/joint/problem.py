@@ -10,7 +10,6 @@ import numpy as np
 
 from obsdesign.checks import require_count, require_divisor
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.feasibility import price_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
 from obsdesign.information.accumulation import segment_information
@@ -100,4 +99,4 @@ class JointProblem:
 
     def path_price(self, path: Trajectory) -> float:
         """Return the prices of a path."""
-        return price_of(self.problem, path)
+        return self.problem.price(path)

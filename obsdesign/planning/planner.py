@@ -22,17 +22,19 @@ from obsdesign.checks import as_array, require_count, require_positive, whole_mu
 from obsdesign.constraints.abstract import AbstractConstraint, Coordinate, Span
 from obsdesign.costs._price_budget import Budget
 from obsdesign.criteria.posterior import Posterior
-from obsdesign.design.best_design import objective_of
 from obsdesign.design.blas_threads import one_thread
-from obsdesign.design.feasibility import MARGIN_TOLERANCE, Violation, fine_path, initial_rows, tighten, total_costs, violations
+from obsdesign.design.feasibility import MARGIN_TOLERANCE, Violation, fine_path, initial_rows, tighten, violations
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.local_solve import families_of
 from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.nlp.program import ConstraintRows, Multipliers, Program
+from obsdesign.design.path_costs import total_costs
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.sqp.trust_region_sqp import FEASIBILITY_TOLERANCE, StoppingCriteria, WarmStart, solve
+from obsdesign.design.sqp.local_model import FEASIBILITY_TOLERANCE
+from obsdesign.design.sqp.solver_state import WarmStart
 from obsdesign.design.sqp.trust_region_sqp import MAX_ITERATIONS as SOLVER_ITERATIONS
+from obsdesign.design.sqp.trust_region_sqp import StoppingCriteria, solve
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.dynamics.simulation import as_state, simulate
 from obsdesign.errors import InputError
@@ -372,7 +374,7 @@ class MovingHorizon:
         if not steps_flown or not (problem.budgets or any(constraint.span.anywhere for constraint in problem.constraints)):
             return memory.met, memory.spent
         part = path.part(0, steps_flown)
-        total_spent = np.array(memory.spent) + total_costs(problem, part, tuple(budget.cost for budget in problem.budgets))
+        total_spent = np.array(memory.spent) + total_costs(problem.system, part, [budget.cost for budget in problem.budgets])
         path_margins, met = fine_path(problem, part), set(memory.met)
         t, owner = memory.elapsed_steps * problem.step + path_margins.t, np.array(path_margins.nodes.owner)
         for i, constraint in enumerate(problem.constraints):
@@ -423,7 +425,7 @@ class CheckedPath:
     @cached_property
     def objective(self) -> float:
         """What is maximised, recomputed."""
-        return objective_of(self.problem, self.path)
+        return self.problem.objective(self.path)
 
     def better_of(self, rival: CheckedPath) -> CheckedPath:
         """Return the better one: feasible rather than not, then of higher objective, or of later and less shortfall."""

@@ -12,7 +12,6 @@ from obsdesign.design.initial_guesses import shortest_inputs
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.weave import Weave, best_weave
-from obsdesign.dynamics.simulation import simulate
 from obsdesign.information.blocks import Information
 from obsdesign.information.contribution_shares import contributions
 from obsdesign.information.gramian import variational_gramian
@@ -48,7 +47,7 @@ def _baselines(scenario: Scenario) -> dict[str, dict[str, float]]:
 def _constant_input_path(problem: DesignProblem, inputs: dict[str, float]) -> Trajectory:
     """The path of constant inputs; those not named stay as near 0 as their bounds allow."""
     idle = dict(zip(problem.system.model.input_names, np.clip(0.0, problem.lower, problem.upper).tolist(), strict=True)) | inputs
-    return simulate(problem.system, problem.x0, np.tile(list(idle.values()), (problem.steps, 1)), problem.step, tolerance=problem.tolerance)
+    return problem.path_along(np.tile(list(idle.values()), (problem.steps, 1)))
 
 
 def _shortest(problem: DesignProblem) -> Trajectory | None:
@@ -56,13 +55,13 @@ def _shortest(problem: DesignProblem) -> Trajectory | None:
     u = shortest_inputs(problem)
     if u is None:
         return None
-    path = simulate(problem.system, problem.x0, u, problem.step, tolerance=problem.tolerance)
+    path = problem.path_along(u)
     moment = Moment(dict(zip(problem.system.model.state_names, path.x[1:].T, strict=True)), {}, {}, problem.system.model.landmarks)
     margins = [margin for constraint in problem.constraints if constraint.span == AT_END for margin in constraint.margins(moment)]
     arrival = 1 + int(np.min(margins, axis=0).argmax())
     if problem.floor is not None:  # a path that is shorter than a stretch of it cannot be judged
         arrival = max(arrival, round(problem.floor.seconds / problem.step))
-    return simulate(problem.system, problem.x0, u[:arrival], problem.step, tolerance=problem.tolerance)
+    return problem.path_along(u[:arrival])
 
 
 def candidate_of(scenario: Scenario, problems: tuple[DesignProblem, ...], name: str, path: Trajectory) -> Candidate:

@@ -7,12 +7,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
-from obsdesign.design.nlp.constraint_rows import evaluate_rows
 from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, Derivatives, Evaluation
 from obsdesign.design.nlp.information_recursion import gramian_recursion, posterior_recursion, state_recursion
 from obsdesign.design.nlp.input_map import input_map_of
-from obsdesign.design.nlp.margin_curves import MarginCurves, margin_curves_of
-from obsdesign.design.nlp.node_functions import NodeFunctions, node_functions_of
+from obsdesign.design.nlp.node_terms import NodeTerms
 from obsdesign.design.nlp.rollout import Linearisation, NodeCosts, Rollout, RolloutFunctions, propagate_sensitivity
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.sqp.evaluation import Multipliers
@@ -54,23 +52,14 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         self._due = np.hstack([self._due, *(extra_inputs if self._has_information else ())])
         self.lower, self.upper = problem.path.box(problem.grid)
         self._input_map = input_map_of(problem.path, problem.grid)
-        costs = tuple(term.cost for term in (*problem.prices, *problem.budgets))
-        self._node_functions: NodeFunctions | None = (
-            node_functions_of(model, problem.constraints, costs, pace) if problem.constraints or costs else None
-        )
         self.rows = NO_ROWS if rows is None else rows
+        self._node_terms = NodeTerms(problem, self.rows)
         # the path itself comes first; draws of the prior, where there are any, are judged in its place
         robust = problem.robust if self._has_information else None
         draws = [] if robust is None else [robust.draws(robust.samples, 0)]
         self._starts = np.vstack([problem.x0[None], *draws])
         self.judged = slice(0 if robust is None else 1, len(self._starts))
         self._unit_scaling = np.outer(problem.units, problem.units)
-        self._most = np.array([budget.at_most for budget in problem.budgets])
-        self._price_rates = np.array([price.per_unit for price in problem.prices])
-
-    @cached_property
-    def _margin_curves(self) -> MarginCurves:
-        return margin_curves_of(self.problem.system.model, self.problem.constraints)
 
     @property
     def q(self) -> int:
@@ -101,31 +90,16 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         u = self.inputs(p)
         rollout, sums = self._variation.roll_out(self._starts, u, self._due if due is None else due)
         window_rollouts, floors = self._windows(rollout, u)
-        totals = self._node_values(rollout)
-        price = float(self._price_rates @ totals[1][: len(self._price_rates)])
-        budgets = 1 - totals[1][len(self._price_rates) :] / self._most
-        row_values = evaluate_rows(self.problem, self.rows, rollout.z[0, :, : self.n], rollout.u[0], totals[0])
-        rows = np.concatenate([row_values.values - self.rows.allowance, budgets, self._rate_rows(p)[0]])
+        rows, price, node, delay = self._node_terms.evaluate(rollout)
+        rows = np.concatenate([rows, self._rate_rows(p)[0]])
         matrices = (
             self.problem.criterion_matrix(unpack(sums[self.judged], self.n)) if self._has_information else np.zeros((1, self.n, self.n))
         )
-        return Evaluation(p, matrices, floors, rows, price, rollout, window_rollouts, row_values.node, row_values.delay)
+        return Evaluation(p, matrices, floors, rows, price, rollout, window_rollouts, node, delay)
 
     def margins(self, evaluation: Evaluation) -> np.ndarray:
         """Return all margins (N+1, r) of the constraints at all nodes."""
-        return self._node_values(evaluation.rollout)[0]
-
-    def _node_values(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-        """Margins (N+1, r) at the nodes, and the sums of the costs."""
-        if self._node_functions is None:
-            return np.zeros((self.steps + 1, 0)), np.zeros(0)
-        values = self._node_functions.values(*self._node_variables(rollout))
-        margin_count = self._node_functions.margin_count
-        return values[:, :margin_count], values[:-1, margin_count:].sum(axis=0) * self.problem.step
-
-    def _node_variables(self, rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-        """(x, u) at all nodes of the path itself; the last inputs count for the end as well."""
-        return rollout.z[0, :, : self.n], np.vstack([rollout.u[0], rollout.u[0, -1:]])
+        return self._node_terms.values(evaluation.rollout)[0]
 
     def _rate_rows(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """1 -+ rate / limit for each rate of change, and the derivatives (., q)."""
@@ -149,7 +123,7 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         G = propagate_sensitivity(linearisation, initial, M)
         matrices = self._matrix_derivatives(linearisation, G)[self.judged]
         window_sensitivity, floors = self._window_derivatives(evaluation, G, M)
-        rows, price = self._node_derivatives(evaluation, G, M)
+        rows, price = self._node_terms.derivatives(evaluation, G, M)
         rates = self._rate_rows(evaluation.p)[1]
         return Derivatives(matrices, floors, np.vstack([rows, rates]), price, M, G, window_sensitivity)
 
@@ -166,34 +140,11 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         D = linearisation.D.transpose(0, 2, 1, 3).reshape(runs, b, steps * c)
         return unpack((D @ G[:, :-1].reshape(runs, steps * c, -1)).swapaxes(1, 2), self.n) * self._unit_scaling
 
-    def _node_derivatives(self, evaluation: Evaluation, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        if self._node_functions is None:
-            return np.zeros((0, self.q)), np.zeros(self.q)
-        x, u = self._node_variables(evaluation.rollout)
-        gradients = self._node_functions.gradients(x, u)
-        margin_count, n = self._node_functions.margin_count, self.n
-        node_inputs = np.vstack([M, M[-1:]])
-        node, margin = evaluation.node, self.rows.margin
-        at_rows = gradients[node, margin]
-        between = np.flatnonzero(evaluation.delay > 0)
-        if between.size:
-            k = node[between]
-            at_rows[between] = self._margin_curves.gradients(x[k], u[k], evaluation.delay[between])[np.arange(len(k)), margin[between]]
-        rows = np.matmul(at_rows[:, None, :n], G[0, node, :n])[:, 0]
-        if np.any(at_rows[:, n:]):
-            rows = rows + np.matmul(at_rows[:, None, n:], node_inputs[node])[:, 0]
-        costs = gradients[:-1, margin_count:]
-        totals = self.problem.step * (
-            np.einsum("krn,knq->rq", costs[:, :, :n], G[0, :-1, :n]) + np.einsum("krm,kmq->rq", costs[:, :, n:], M)
-        )
-        cut = len(self._price_rates)
-        return np.vstack([rows, -totals[cut:] / self._most[:, None]]), self._price_rates @ totals[:cut]
-
     # ---------------------------------------------------------------- second derivatives
 
     def lagrangian_hessian(self, evaluation: Evaluation, derivatives: Derivatives, multipliers: Multipliers) -> np.ndarray:
         """Return the Hessian (q, q) of the Lagrangian: price - sum <Z, matrix> - sum <Z, floor> - z'rows, weighted."""
-        node_costs = self._node_costs(evaluation, multipliers)
+        node_costs = self._node_terms.lagrangian(evaluation, multipliers)
         H, input_gradient = self._window_hessian(evaluation, derivatives, multipliers, node_costs)
         weights = np.zeros((len(self._starts), self._variation.b))
         if self._has_information:
@@ -218,39 +169,6 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         """Weights (b, .) of the packed gains in -<Z, S W S>."""
         rows, columns = lower_indices(self.n)
         return -(Z * self._unit_scaling)[:, rows, columns] * np.where(rows == columns, 1.0, 2.0)
-
-    def _node_costs(self, evaluation: Evaluation, multipliers: Multipliers) -> NodeCosts:
-        runs, v = len(self._starts), self.n + self.m
-        g, H = np.zeros((runs, self.steps + 1, v)), np.zeros((runs, self.steps + 1, v, v))
-        if self._node_functions is not None:
-            margin_count, rows = self._node_functions.margin_count, len(self.rows.node)
-            weights, at_node = np.zeros((self.steps + 1, len(self._node_functions.owner))), evaluation.delay == 0
-            np.add.at(weights, (evaluation.node[at_node], self.rows.margin[at_node]), -multipliers.rows[:rows][at_node])
-            budgets = multipliers.rows[rows : rows + len(self._most)]
-            weights[:-1, margin_count:] = self.problem.step * np.concatenate([multipliers.price * self._price_rates, budgets / self._most])
-            involved = np.flatnonzero(weights.any(axis=1))
-            if involved.size:
-                x, u = self._node_variables(evaluation.rollout)
-                g[0, involved], H[0, involved] = self._node_functions.hessians(x[involved], u[involved], weights[involved])
-            self._add_between_nodes(evaluation, multipliers, g[0], H[0])
-        return NodeCosts(g, H)
-
-    def _add_between_nodes(self, evaluation: Evaluation, multipliers: Multipliers, g: np.ndarray, H: np.ndarray) -> None:
-        """Add to g (N+1, v) and H (N+1, v, v) what rows between the nodes bend."""
-        between = np.flatnonzero((evaluation.delay > 0) & (multipliers.rows[: len(evaluation.delay)] != 0))
-        if between.size:
-            (x, u), k = self._node_variables(evaluation.rollout), evaluation.node[between]
-            weights = np.zeros((len(between), self._node_functions.margin_count if self._node_functions else 0))
-            weights[np.arange(len(between)), self.rows.margin[between]] = -multipliers.rows[between]
-            gradient, hessian = self._margin_curves.hessians(x[k], u[k], evaluation.delay[between], weights)
-            np.add.at(g, k, gradient)
-            np.add.at(H, k, hessian)
-            is_choice = np.isin(between, [row for choice in self.rows.choices for row in choice.rows])
-            if is_choice.any():
-                choice_hessians = self._margin_curves.best_instant_hessians(
-                    x[k[is_choice]], u[k[is_choice]], evaluation.delay[between[is_choice]]
-                )
-                np.add.at(H, k[is_choice], np.einsum("kr,krvw->kvw", weights[is_choice], choice_hessians))
 
     # ---------------------------------------------------------------- windows
 

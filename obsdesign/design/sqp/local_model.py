@@ -8,16 +8,14 @@ import numpy as np
 
 from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
+from obsdesign.design.sqp.convexification import ACTIVE_MULTIPLIER, active_normals, convexify
 from obsdesign.design.sqp.evaluation import AbstractDerivatives, Multipliers
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective, initial_weights
 from obsdesign.design.sqp.merit import Iterate, MeritFunction, MeritScaling, largest_violation
 
 FEASIBILITY_TOLERANCE = 1e-7  # by how much a margin, of order 1, may fall short
 _NEAR_MARGIN = 0.3  # margins below this are in every model; others when a model's solution would break them
-_ACTIVE_MULTIPLIER = 1e-6  # multipliers above this are of something active
-_NORMAL_WEIGHT = 10.0  # weight of active normals in what is made convex, in units of the largest curvature
 _QP_TOLERANCE = 1e-9  # of Clarabel
-_NEGATIVE_SHARE = 1e-6  # share of the largest curvature below which one is not negative
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +73,7 @@ def build_model(
         else:
             g = g - weights @ objective_jacobian
     width = merit_function.width
-    B, negative_curvature = _convexify(H * np.outer(width, width), _active_normals(objective, derivatives, multipliers, at_bound, width))
+    B, negative_curvature = convexify(H * np.outer(width, width), active_normals(objective, derivatives, multipliers, at_bound, width))
     negative_curvature = None if negative_curvature is None else negative_curvature * width
     return LocalModel(
         merit_function,
@@ -135,14 +133,14 @@ def active_set_step(model: LocalModel, solution: ModelSolution, scaling: MeritSc
     """Return Newton's step on what the model's solution holds active, with all of the curvature; None where it leaves the region."""
     evaluation, qp_solution, width = model.iterate.evaluation, solution.qp_solution, model.merit_function.width
     active_rows, active_epigraph_rows = (
-        qp_solution.row_multipliers > _ACTIVE_MULTIPLIER,
-        qp_solution.epigraph_multipliers > _ACTIVE_MULTIPLIER,
+        qp_solution.row_multipliers > ACTIVE_MULTIPLIER,
+        qp_solution.epigraph_multipliers > ACTIVE_MULTIPLIER,
     )
     cones = _cones(model, _base_point(model), scaling)
     active_cones = [
         ActiveCone(cone.A, cone.D, cone.E, cone.epigraph_index, Z)
         for cone, Z in zip(cones, qp_solution.Z, strict=True)
-        if np.trace(Z) > _ACTIVE_MULTIPLIER
+        if np.trace(Z) > ACTIVE_MULTIPLIER
     ]
     system = KKTSystem(
         model.H,
@@ -153,7 +151,7 @@ def active_set_step(model: LocalModel, solution: ModelSolution, scaling: MeritSc
         model.derivatives.rows[solution.row_indices][active_rows],
         model.epigraph_rows[active_epigraph_rows],
         model.epigraph_jacobian[active_epigraph_rows],
-        qp_solution.bound_multipliers > _ACTIVE_MULTIPLIER,
+        qp_solution.bound_multipliers > ACTIVE_MULTIPLIER,
         qp_solution.d,
     )
     d = newton_step(system)
@@ -251,40 +249,3 @@ def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) ->
     floors = model.iterate.floors + np.tensordot(d, model.floor_derivatives, (0, 1))
     quadratic = model.g @ d + 0.5 * d @ model.B @ d + evaluation.price / scaling.unit
     return float(quadratic - value + scaling.penalty * largest_violation(rows, floors))
-
-
-# ---------------------------------------------------------------- curvature that may stay
-
-
-def _active_normals(
-    objective: AbstractMatrixObjective, derivatives: AbstractDerivatives, multipliers: Multipliers, at_bound: np.ndarray, width: np.ndarray
-) -> np.ndarray:
-    """Directions (k, q), in widths of the box, along which a step is settled by what is active: there H need not be convex."""
-    normals = [derivatives.rows[multipliers.rows > _ACTIVE_MULTIPLIER] * width, np.eye(len(width))[at_bound]]
-    if objective.is_cone:
-        normals += [_eigenvalue_difference_slopes(Z, D) * width for Z, D in zip(multipliers.matrices, derivatives.matrices, strict=True)]
-    return np.vstack(normals)
-
-
-def _eigenvalue_difference_slopes(Z: np.ndarray, D: np.ndarray) -> np.ndarray:
-    """Return the slopes (k, q) of the differences that stay 0 where eigenvalues coincide, their vectors being those of Z."""
-    values, vectors = np.linalg.eigh(Z)
-    U = vectors[:, values > 1e-3 * max(values[-1], np.finfo(float).tiny)]
-    k = U.shape[1]
-    if k < 2:
-        return np.zeros((0, len(D)))
-    R = U.T @ D @ U
-    upper = np.triu_indices(k, 1)
-    return np.vstack([R[:, upper[0], upper[1]].T, (R[:, np.arange(1, k), np.arange(1, k)] - R[:, :1, 0]).T])
-
-
-def _convexify(H: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return H without the negative curvature that is not along the normals (k, q), and the direction (q,) of most of that, if any."""
-    size = float(np.abs(H).max(initial=0.0))
-    if not size > 0:
-        return 1e-8 * np.eye(len(H)), None
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit_normals = normals / np.where(lengths > 0, lengths, 1.0)
-    values, vectors = np.linalg.eigh(H + _NORMAL_WEIGHT * size * unit_normals.T @ unit_normals)
-    negative_curvature = vectors[:, 0] if values[0] < -_NEGATIVE_SHARE * size else None
-    return (vectors * np.maximum(values, 1e-7 * size)) @ vectors.T, negative_curvature

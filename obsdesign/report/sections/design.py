@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from obsdesign.design.feasibility import price_of
 from obsdesign.design.record import Design
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.names import criterion_name
@@ -51,7 +50,7 @@ def _duration(study: Study, design: Design) -> str:
 def _prices(study: Study, design: Design) -> str:
     if not design.problem.prices or design.trajectory is None:
         return ""
-    paid = price_of(design.problem, design.trajectory)
+    paid = design.problem.price(design.trajectory)
     costs = join([f"{numeral(price.per_unit)} for every {_unit(price.cost.unit)}of {price.cost}" for price in design.problem.prices])
     of = "the draws' value" if design.problem.robust else criterion_name(study)
     return f"The objective {numeral(design.objective)} is {of} less {numeral(paid)} paid, {costs}."
