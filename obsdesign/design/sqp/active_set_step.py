@@ -21,7 +21,10 @@ class ActiveCone:
 
 @dataclass(frozen=True, eq=False)
 class KKTSystem:
-    """minimise g'd + d'H d / 2 - weights't with rows + slopes d = 0, hard + hard_slopes d = t_0, faces, and d given where held."""
+    """minimise g'd + d'H d / 2 - weights't with rows + jacobian d = 0, epigraph_rows + epigraph_jacobian d = t_0.
+
+    On the edges of the active cones, with the entries of d that are at their bounds held there.
+    """
 
     H: np.ndarray
     g: np.ndarray

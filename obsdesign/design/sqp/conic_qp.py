@@ -26,9 +26,9 @@ class Cone:
 
 @dataclass(frozen=True, eq=False)
 class ConicQP:
-    """minimise d'B d / 2 + g'd - weights't + penalty e over low <= d <= high, e >= 0, t free.
+    """minimise d'B d / 2 + g'd - weights't + penalty e over lower <= d <= upper, e >= 0, t free.
 
-    cones; rows + slopes d + e >= 0 (r,), (r, q); hard + hard_slopes d - t_0 >= 0: rows that bound t_0 and have no slack.
+    cones; rows + jacobian d + e >= 0 (r,), (r, q); epigraph_rows + epigraph_jacobian d - t_0 >= 0: rows that bound t_0, without slack.
     """
 
     B: np.ndarray
@@ -82,7 +82,7 @@ def _solve(qp: ConicQP, settings: ConicSettings) -> ConicSolution | None:
 
 
 def _linear_rows(qp: ConicQP, slack_column: int) -> np.ndarray:
-    """-slack <= 0, -slopes d - slack <= rows, -hard_slopes d + t_0 <= hard, as rows (., q + T + 1)."""
+    """-slack <= 0, -jacobian d - slack <= rows, -epigraph_jacobian d + t_0 <= epigraph_rows, as rows (., q + T + 1)."""
     q, r, h = len(qp.g), len(qp.rows), len(qp.epigraph_rows)
     matrix = np.zeros((1 + r + h, slack_column + 1))
     matrix[: 1 + r, slack_column] = -1.0

@@ -20,10 +20,10 @@ _QP_TOLERANCE = 1e-9  # of Clarabel
 
 @dataclass(frozen=True, eq=False)
 class LocalModel:
-    """A place with its slopes, the Hessian H (q, q) of the Lagrangian, and B, what of it is convex.
+    """An iterate with its derivatives, the Hessian H (q, q) of the Lagrangian, and B, what of it is convex.
 
-    hard + hard_slopes d - t >= 0: the numbers of several matrices, the least of which counts. negative_curvature (q,): where curvature is
-    most negative, one width of the box long; None where it nowhere is.
+    epigraph_rows + epigraph_jacobian d - t >= 0: the numbers of several matrices, the least of which counts. negative_curvature (q,):
+    where curvature is most negative, one width of the box long; None where it nowhere is.
     """
 
     merit_function: MeritFunction
@@ -106,7 +106,7 @@ def solve_model(model: LocalModel, scaling: MeritScaling, radius: float) -> Mode
 
 
 def slack_at_weight(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float, weight: float) -> float:
-    """Return the slack that the model would need if its aim counted for a share only."""
+    """Return the slack that the model would need if its objective counted for a share only."""
     qp = _conic_qp(model, _base_point(model), solution.row_indices, scaling, radius)
     qp_solution = minimise(replace(qp, g=weight * qp.g, weights=weight * qp.weights), _QP_TOLERANCE)
     return np.inf if qp_solution is None else qp_solution.slack
@@ -228,14 +228,14 @@ def _cones(model: LocalModel, base: _BasePoint, scaling: MeritScaling) -> tuple[
 
 
 def _epigraph_weights(objective: AbstractMatrixObjective, count: int) -> np.ndarray:
-    """Weights of the t in the model: one t for the worst of several, one each for a mean, none where the aim has a slope."""
+    """Weights of the t in the model: one t for the worst of several, one each for a mean, none where the objective has a gradient."""
     if objective.is_cone and not objective.is_worst_case:
         return np.full(count, 1 / count)
     return np.ones(1) if objective.is_cone or (objective.is_worst_case and count > 1) else np.zeros(0)
 
 
 def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) -> float:
-    """The model's merit after a step, recomputed: a solver's objective is a claim."""
+    """The model's merit after a step, recomputed: what a solver reports is a claim."""
     evaluation, objective = model.iterate.evaluation, model.merit_function.objective
     if objective.is_cone:
         value = evaluate_objective(objective, evaluation.matrices + np.tensordot(d, model.derivatives.matrices, (0, 1))) / scaling.unit

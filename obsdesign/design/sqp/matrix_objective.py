@@ -1,4 +1,4 @@
-"""What a climb maximises, as a local model: a smallest eigenvalue as a cone, all else by slope and curvature."""
+"""Concave objectives of symmetric matrices and their local models: a smallest eigenvalue as a cone, all else by gradient and curvature."""
 
 from __future__ import annotations
 
@@ -86,5 +86,5 @@ class LinearObjective(AbstractMatrixObjective):
 
 
 def zero_objective(n: int) -> LinearObjective:
-    """Return the aim that leaves limits alone to be satisfied, and prices to be low."""
+    """Return the objective 0, which leaves limits to be satisfied and prices to be low."""
     return LinearObjective(np.zeros((n, n)))

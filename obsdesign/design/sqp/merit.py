@@ -1,4 +1,4 @@
-"""What a point of a program is worth to a climb: aim, price and penalised shortfall in one number."""
+"""The exact-penalty merit function: objective, price and largest violation of an iterate in one number."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from obsdesign.design.sqp.nonlinear_program import AnyProgram
 
 @dataclass(frozen=True, eq=False)
 class MeritScaling:
-    """What merits are counted in: the unit of the aim, and what a shortfall of 1 costs in it."""
+    """What merits are counted in: the unit of the objective, and what a violation of 1 costs in it."""
 
     unit: float
     penalty: float
@@ -21,7 +21,7 @@ class MeritScaling:
 
 @dataclass(frozen=True, eq=False)
 class Iterate:
-    """A point with what it is worth: merit = (price - aim) / unit + penalty * violation, less is better."""
+    """A point with its merit = (price - objective) / unit + penalty * largest violation; less is better."""
 
     evaluation: AbstractEvaluation
     floors: np.ndarray
@@ -32,7 +32,10 @@ class Iterate:
 
 @dataclass(frozen=True, eq=False)
 class MeritFunction:
-    """A program and what is wanted of it; eigenvalue_floor: lambda_min of every judged matrix is at least this, 0 = no such limit."""
+    """(price - objective) / unit + penalty * largest violation, of a program.
+
+    eigenvalue_floor: lambda_min of every judged matrix is at least this; 0 = no such limit.
+    """
 
     program: AnyProgram
     objective: AbstractMatrixObjective
@@ -44,11 +47,11 @@ class MeritFunction:
         return self.program.upper - self.program.lower
 
     def evaluate(self, p: np.ndarray, scaling: MeritScaling) -> Iterate:
-        """Return the place of parameters p (q,), moved into their box."""
+        """Return the iterate of parameters p (q,), moved into their box."""
         return self.assess(self.program.evaluate(np.clip(p, self.program.lower, self.program.upper)), scaling)
 
     def assess(self, evaluation: AbstractEvaluation, scaling: MeritScaling) -> Iterate:
-        """Return what values are worth."""
+        """Return the iterate of an evaluation."""
         floors = self.floors(evaluation)
         return self.rescale(
             Iterate(
@@ -62,7 +65,7 @@ class MeritFunction:
         )
 
     def rescale(self, iterate: Iterate, scaling: MeritScaling) -> Iterate:
-        """Return a place counted in other terms."""
+        """Return an iterate in another scaling."""
         merit = (iterate.evaluation.price - iterate.objective_value) / scaling.unit + scaling.penalty * iterate.violation
         return replace(iterate, merit=float(merit) if np.isfinite(merit) else np.inf)
 

@@ -16,7 +16,7 @@ _MAX_RELAXATIONS = 6  # times the penalty may fall: it must not go up and down f
 
 
 def steer_penalty(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float) -> tuple[MeritScaling, ModelSolution]:
-    """Raise the penalty where the aim is what keeps the model from being more feasible (Byrd, Nocedal, Waltz, 2008)."""
+    """Raise the penalty where the objective is what keeps the model from being more feasible (Byrd, Nocedal, Waltz, 2008)."""
     while solution.qp_solution.slack > FEASIBILITY_TOLERANCE / 10 and scaling.penalty < MAX_PENALTY:
         if slack_at_weight(model, solution, scaling, radius, 0.1) > 0.8 * solution.qp_solution.slack:
             break
@@ -35,7 +35,7 @@ def raise_penalty(merit_function: MeritFunction, state: SolverState) -> SolverSt
 
 
 def update_scaling(merit_function: MeritFunction, state: SolverState) -> SolverState:
-    """Return the state in terms that suit where it is: a lower penalty once all limits hold, a unit near the aim."""
+    """Return the state in a scaling that suits its iterate: a lower penalty once all limits hold, a unit near the objective."""
     scaling, relaxations = state.scaling, state.relaxations
     exact_penalty = max(INITIAL_PENALTY, 3 * _slack_price(merit_function, state.multipliers))
     if state.iterate.violation <= FEASIBILITY_TOLERANCE and relaxations < _MAX_RELAXATIONS and exact_penalty < scaling.penalty / 3:

@@ -16,7 +16,7 @@ INITIAL_PENALTY = 1.0  # of the largest violation, in units of the objective
 
 @dataclass(frozen=True, eq=False)
 class WarmStart:
-    """Where a climb may begin beside its parameters: multipliers, penalty and radius of another one."""
+    """Where a solve may begin beside its parameters: multipliers, penalty and radius of another one."""
 
     multipliers: Multipliers
     penalty: float = INITIAL_PENALTY
@@ -27,7 +27,8 @@ class WarmStart:
 class SolverState:
     """Everything that one iteration hands to the next.
 
-    at_bound (q,): parameters on their bounds; relaxations: times the penalty fell; slopes: at the place, None where they are not known yet.
+    at_bound (q,): parameters on their bounds; relaxations: times the penalty fell; derivatives: at the iterate; None: not
+    known yet.
     """
 
     iterate: Iterate
@@ -36,10 +37,11 @@ class SolverState:
     radius: float
     at_bound: np.ndarray
     relaxations: int = 0
-    slopes: AbstractDerivatives | None = None
+    derivatives: AbstractDerivatives | None = None
 
 
 def initial_state(merit_function: MeritFunction, p: np.ndarray, warm_start: WarmStart | None) -> SolverState:
+    """Return the state at parameters p (q,), moved into their box, with the multipliers of a warm start where they fit."""
     evaluation = merit_function.program.evaluate(np.clip(p, merit_function.program.lower, merit_function.program.upper))
     scaling = MeritScaling(
         merit_function.objective.unit(evaluation.matrices), INITIAL_PENALTY if warm_start is None else warm_start.penalty
@@ -52,14 +54,14 @@ def initial_state(merit_function: MeritFunction, p: np.ndarray, warm_start: Warm
 
 
 def _initial_multipliers(merit_function: MeritFunction, evaluation: AbstractEvaluation, scaling: MeritScaling) -> Multipliers:
-    """Multipliers before any model was solved: the aim's slope, and nothing for limits."""
+    """Multipliers before any model was solved: the objective's gradient, and 0 for limits."""
     weights = initial_weights(merit_function.objective, evaluation.matrices) / scaling.unit
     Z = np.nan_to_num(merit_function.objective.gradients(evaluation.matrices) * weights[:, None, None])
     return Multipliers(Z, np.zeros_like(evaluation.floors), np.zeros(len(evaluation.rows)), 1 / scaling.unit)
 
 
 def _reuse_multipliers(previous: Multipliers, initial: Multipliers) -> Multipliers:
-    """Another climb's multipliers, where they are as many."""
+    """Another solve's multipliers, where they are as many."""
     pairs = ((previous.matrices, initial.matrices), (previous.floors, initial.floors), (previous.rows, initial.rows))
     matrices, floors, rows = (reused if reused.shape == fallback.shape else fallback for reused, fallback in pairs)
     return Multipliers(matrices, floors, rows, initial.price)

@@ -29,7 +29,7 @@ def best_trial(model: LocalModel, solution: ModelSolution, scaling: MeritScaling
 
 
 def escape_saddle(model: LocalModel, scaling: MeritScaling, radius: float, tolerance: float) -> Iterate | None:
-    """Return a better place along the most negative curvature, where slopes promise nothing: a saddle is no optimum."""
+    """Return a better iterate along the most negative curvature, where no first-order reduction is predicted: a saddle is no optimum."""
     if model.negative_curvature is None:
         return None
     merit_function, iterate = model.merit_function, model.iterate

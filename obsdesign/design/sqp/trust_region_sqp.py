@@ -1,4 +1,4 @@
-"""Climbing to a local optimum: convex models in a trust region, limits by an exact penalty."""
+"""Sequential quadratic programming to a local optimum: convex models in a trust region, limits by an exact penalty."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from obsdesign.design.sqp.local_model import (
-    build_model,
-    multipliers_of,
-    solve_model,
-)
+from obsdesign.design.sqp.local_model import build_model, multipliers_of, solve_model
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective
 from obsdesign.design.sqp.merit import MeritFunction
 from obsdesign.design.sqp.nonlinear_program import AnyProgram
@@ -22,8 +18,8 @@ from obsdesign.design.sqp.solver_state import SolverState, WarmStart, initial_st
 from obsdesign.design.sqp.trial_step import best_trial, escape_saddle
 from obsdesign.status import Status
 
-MAX_ITERATIONS = 150  # work, not seconds, decides when a climb is given up
-TOLERANCE = 1e-8  # improvement that a model must promise, in units of the merit
+MAX_ITERATIONS = 150  # work, not seconds, decides when a solve is given up
+TOLERANCE = 1e-8  # reduction that a model must predict, in units of the merit
 _MAX_RADIUS, _MIN_RADIUS = 1.0, 1e-9  # of the trust region, in widths of the box
 _STATIONARITY_TOLERANCE, _VIOLATION_TOLERANCE = 1e-6, 1e-6
 _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
@@ -31,7 +27,7 @@ _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of 
 
 @dataclass(frozen=True, eq=False)
 class StoppingCriteria:
-    """When a climb ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one."""
+    """When a solve ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one."""
 
     iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
@@ -40,9 +36,9 @@ class StoppingCriteria:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a climb stopped.
+    """Where a solve stopped.
 
-    objective: aim minus price by the program; violation: the largest shortfall of a margin.
+    objective: of the matrices, minus price; violation: the largest of a row or floor.
     """
 
     p: np.ndarray
@@ -51,17 +47,17 @@ class Solution:
     status: Status
     iterations: int
     warm_start: WarmStart
-    slope: Callable[[], float]
+    compute_residual: Callable[[], float]
 
     @cached_property
     def residual(self) -> float:
-        """The largest entry of the projected gradient of the Lagrangian times the width of the box, in units of the aim."""
-        return self.slope()
+        """The largest entry of the projected gradient of the Lagrangian times the width of the box, in units of the objective."""
+        return self.compute_residual()
 
 
 @dataclass(frozen=True, eq=False)
 class _StepOutcome:
-    """What one iteration came to: the state, whether it is a better place, and what its model promised."""
+    """What one iteration came to: the state, whether its iterate is better, and the reduction that its model predicted."""
 
     state: SolverState
     is_better: bool
@@ -77,11 +73,11 @@ def solve(
     eigenvalue_floor: float = 0.0,
     stopping: StoppingCriteria | None = None,
 ) -> Solution:
-    """Maximise aim minus price from parameters p (q,); eigenvalue_floor: keep lambda_min of every judged matrix at or above this.
+    """Maximise objective minus price from parameters p (q,); eigenvalue_floor: keep lambda_min of every judged matrix at or above this.
 
     After the deadline the best point so far is returned as TIME_LIMIT.
     Source: sequential quadratic programming with a trust region and an exact penalty (Fletcher, 1985), its models with matrix
-    inequalities where the aim is a smallest eigenvalue (Fares, Noll, Apkarian, 2002).
+    inequalities where the objective is a smallest eigenvalue (Fares, Noll, Apkarian, 2002).
     """
     merit_function, stopping = MeritFunction(program, objective, eigenvalue_floor), StoppingCriteria() if stopping is None else stopping
     state, status, iterations = initial_state(merit_function, p, warm_start), Status.ITERATION_LIMIT, 0
@@ -108,12 +104,10 @@ def solve(
 
 
 def _take_step(merit_function: MeritFunction, state: SolverState, tolerance: float) -> _StepOutcome:
-    """Make a model and solve it in ever smaller regions until a step is a gain."""
-    slopes = merit_function.program.derivatives(state.iterate.evaluation) if state.slopes is None else state.slopes
-    model, state = (
-        build_model(merit_function, state.iterate, slopes, state.multipliers, state.at_bound, state.scaling),
-        replace(state, slopes=slopes),
-    )
+    """Build a model and solve it in ever smaller regions until a step reduces the merit."""
+    derivatives = merit_function.program.derivatives(state.iterate.evaluation) if state.derivatives is None else state.derivatives
+    model = build_model(merit_function, state.iterate, derivatives, state.multipliers, state.at_bound, state.scaling)
+    state = replace(state, derivatives=derivatives)
     predicted_reduction, is_solved = np.inf, False
     while state.radius > _MIN_RADIUS:
         solution = solve_model(model, state.scaling, state.radius)
@@ -122,29 +116,21 @@ def _take_step(merit_function: MeritFunction, state: SolverState, tolerance: flo
             continue
         scaling, solution = steer_penalty(model, solution, state.scaling, state.radius)
         iterate = merit_function.rescale(state.iterate, scaling)
-        state, model = (
-            replace(state, iterate=iterate, scaling=scaling, multipliers=multipliers_of(model, solution, scaling)),
-            replace(model, iterate=iterate),
-        )
+        state = replace(state, iterate=iterate, scaling=scaling, multipliers=multipliers_of(model, solution, scaling))
+        model = replace(model, iterate=iterate)
+        at_bound = solution.qp_solution.bound_multipliers > _STATIONARITY_TOLERANCE
         predicted_reduction, is_solved = iterate.merit - solution.predicted_merit, True
         if predicted_reduction <= tolerance * max(1.0, abs(iterate.merit)):
             escape = escape_saddle(model, scaling, state.radius, tolerance)
             if escape is None:
                 break
-            return _StepOutcome(
-                replace(state, iterate=escape, at_bound=solution.qp_solution.bound_multipliers > _STATIONARITY_TOLERANCE, slopes=None),
-                True,
-                predicted_reduction,
-                True,
-            )
+            return _StepOutcome(replace(state, iterate=escape, at_bound=at_bound, derivatives=None), True, predicted_reduction, True)
         trial = best_trial(model, solution, scaling, state.radius, predicted_reduction)
         actual_reduction, step_length = iterate.merit - trial.merit, float(np.max(np.abs(solution.d) / merit_function.width))
         if actual_reduction > 0.05 * predicted_reduction:
-            at_bound = solution.qp_solution.bound_multipliers > _STATIONARITY_TOLERANCE
             radius = _next_radius(state.radius, step_length, actual_reduction / predicted_reduction)
-            return _StepOutcome(
-                replace(state, iterate=trial, at_bound=at_bound, radius=radius, slopes=None), True, predicted_reduction, True
-            )
+            accepted = replace(state, iterate=trial, at_bound=at_bound, radius=radius, derivatives=None)
+            return _StepOutcome(accepted, True, predicted_reduction, True)
         state = replace(state, radius=0.35 * min(step_length, state.radius))
     return _StepOutcome(state, False, predicted_reduction, is_solved)
 
@@ -161,7 +147,7 @@ def _next_radius(radius: float, step_length: float, reduction_ratio: float) -> f
 def _final_status(merit_function: MeritFunction, outcome: _StepOutcome, tolerance: float) -> Status:
     """Say what it means that nothing better is near."""
     iterate = outcome.state.iterate
-    # a promise is worth little where the region has shrunk: the slopes must say so too
+    # a small prediction says little where the region has shrunk: the gradient must say so too
     is_trusted = outcome.state.radius > _COLLAPSED_RADIUS or _residual(merit_function, outcome.state) <= _STATIONARY_RESIDUAL
     is_stationary = (
         outcome.is_solved
@@ -186,7 +172,7 @@ def _residual(merit_function: MeritFunction, state: SolverState) -> float:
     if not np.isfinite(state.iterate.merit):
         return float("nan")
     evaluation, multipliers, program = state.iterate.evaluation, state.multipliers, merit_function.program
-    derivatives = program.derivatives(evaluation) if state.slopes is None else state.slopes
+    derivatives = program.derivatives(evaluation) if state.derivatives is None else state.derivatives
     g = multipliers.price * derivatives.price - np.einsum("bij,bqij->q", multipliers.matrices, derivatives.matrices)
     g -= np.einsum("bij,bqij->q", multipliers.floors, derivatives.floors) + multipliers.rows @ derivatives.rows
     width = merit_function.width
