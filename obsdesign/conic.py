@@ -73,9 +73,9 @@ def semidefinite_cone(n: int) -> Any:  # noqa: ANN401
 def svec(S: np.ndarray) -> np.ndarray:
     """Return the upper triangles (..., n (n + 1) / 2) of symmetric S (..., n, n), column by column, off the diagonal times sqrt 2.
 
-    The inner product of two such vectors is that of the matrices.
+    The inner product of two such vectors is that of the matrices. Read from the lower half, row by row, which is the same.
     """
-    rows, columns, weights = upper_triangle(S.shape[-1])
+    columns, rows, weights = upper_triangle(S.shape[-1])
     return S[..., rows, columns] * weights
 
 
