@@ -8,7 +8,8 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.feasibility import is_feasible, node_margins
+from obsdesign.design.feasibility import is_feasible
+from obsdesign.design.nlp.constraint_rows import node_margins_of_paths
 from obsdesign.design.problem import DesignProblem
 from obsdesign.dynamics.simulation import states_from
 from obsdesign.errors import InputError
@@ -86,8 +87,10 @@ def _best_of(problem: DesignProblem, weaves: list[Weave]) -> list[_RatedWeave]:
     within_bounds = np.flatnonzero(
         np.all((inputs >= problem.lower) & (inputs <= problem.upper), axis=(1, 2)) & _keeps_rates(problem, inputs)
     )
-    states = _simulate_states(problem, inputs[within_bounds]) if within_bounds.size else []
-    within_limits = [i for i, x in zip(within_bounds, states, strict=True) if node_margins(problem, x, inputs[i]).min(initial=0.0) >= 0]
+    if not within_bounds.size:
+        return []
+    margins = node_margins_of_paths(problem, _simulate_states(problem, inputs[within_bounds]), inputs[within_bounds])
+    within_limits = [i for i, values in zip(within_bounds, margins, strict=True) if values.min(initial=0.0) >= 0]
     feasible = _feasible_weaves(problem, [weaves[i] for i in within_limits], inputs[within_limits]) if within_limits else iter(())
     return list(islice(feasible, _BEST_COUNT))
 

@@ -118,8 +118,15 @@ def _choose_instant(
 
 def node_margins(problem: DesignProblem, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Return the margins that must hold at the nodes of states x (N+1, n) with inputs u (N, m), and at the ends of limits' times."""
-    values = node_functions_of(problem.system.model, problem.constraints).values(x, np.vstack([u, u[-1:]]))
-    return evaluate_rows(problem, initial_rows(problem), x, u, values).values
+    return node_margins_of_paths(problem, x[None], u[None])[0]
+
+
+def node_margins_of_paths(problem: DesignProblem, x: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
+    """Return the same for each of R paths x (R, N+1, n), u (R, N, m)."""
+    functions, rows = node_functions_of(problem.system.model, problem.constraints), initial_rows(problem)
+    inputs = np.concatenate([u, u[:, -1:]], axis=1)
+    at_nodes = functions.values(x.reshape(-1, x.shape[2]), inputs.reshape(-1, inputs.shape[2])).reshape(*x.shape[:2], len(functions.owner))
+    return [evaluate_rows(problem, rows, *path).values for path in zip(x, u, at_nodes, strict=True)]
 
 
 def tighten(problem: DesignProblem, path: Trajectory, rows: ConstraintRows, factor: float = 1.1) -> ConstraintRows | None:
