@@ -87,6 +87,7 @@ from .scenario.schema import Scenario as Scenario
 from .selection.pareto import Pareto as Pareto
 from .selection.pareto import pareto as pareto
 from .selection.schedule import Schedule as Schedule
+from .selection.schedule import upper_bound as upper_bound
 from .selection.sensor_loss import Loss as Loss
 from .selection.sensor_loss import sensor_losses as sensor_losses
 from .selection.solver import select_sensors as select_sensors

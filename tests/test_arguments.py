@@ -64,6 +64,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "codesign": {"problem": DESIGN_PROBLEM, "segments": 4, "starts": 1, "rounds": 1},
     "select_sensors": {"blocks": BLOCKS},
     "sensor_losses": {"blocks": BLOCKS, "schedule": od.select_sensors(BLOCKS)},
+    "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},

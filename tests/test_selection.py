@@ -20,7 +20,7 @@ from obsdesign.selection.baselines import random_schedule, round_robin, single_s
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.integer.reduced_problem import ReducedProblem, reduce_problem
 from obsdesign.selection.relaxation.column_generation import solve_relaxation
-from obsdesign.selection.schedule import schedule_information, schedule_value, upper_bound
+from obsdesign.selection.schedule import schedule_information, schedule_value
 
 few = settings(deadline=None, max_examples=8, database=None, derandomize=True)
 seeds = st.integers(0, 10**6)
@@ -109,6 +109,27 @@ def sorted_gains(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
     return -np.sort(-np.array(gains), axis=1)
 
 
+@pytest.mark.parametrize(
+    ("Z", "says"),
+    [
+        (np.eye(3), r"shape \(3, 3\)"),
+        (np.diag([1.0, 1.0, 1.0, -1e-6]), "not positive semidefinite"),
+        (np.eye(4) + np.eye(4, k=1), "symmetric"),
+        (np.zeros((4, 4)), "not 0"),
+        (np.full((4, 4), np.nan), "not finite"),
+    ],
+)
+def test_what_is_no_dual_bounds_nothing(Z: np.ndarray, says: str):
+    with pytest.raises(od.InputError, match=says):
+        od.upper_bound(next(blocks for blocks in PROBLEMS.values() if blocks.shape[2] == 4), Z)
+
+
+def test_a_bound_does_not_depend_on_the_scale_of_its_dual():
+    blocks = next(iter(PROBLEMS.values()))
+    Z = random_dual(blocks.shape[2], 1)
+    assert od.upper_bound(blocks, 1e-6 * Z) == pytest.approx(od.upper_bound(blocks, Z), rel=1e-12)
+
+
 @every_problem
 @one_or_two
 @few
@@ -117,7 +138,7 @@ def test_every_z_bounds_every_schedule(name: str, per_segment: int, seed: int):
     """Weak duality: lambda_min(W) <= <W, Z> for Z >= 0, tr Z = 1."""
     blocks = PROBLEMS[name]
     Z = random_dual(blocks.shape[2], seed)
-    bound = upper_bound(blocks, Z, per_segment)
+    bound = od.upper_bound(blocks, Z, per_segment)
     assert bound == pytest.approx(sorted_gains(blocks, Z)[:, :per_segment].sum(), rel=1e-12)
     assert bound >= best_value(name, per_segment) * (1 - 1e-12)
     # and it is attained in the direction of Z
@@ -142,7 +163,7 @@ def test_the_bound_is_the_optimum_of_the_relaxation(name: str, per_segment: int)
 
 def test_no_z_gives_a_bound_below_the_one_that_is_returned():
     blocks, schedule = PROBLEMS["mixed"], selected("mixed")
-    others = [upper_bound(blocks, 0.9 * schedule.dual + 0.1 * random_dual(4, seed)) for seed in range(50)]
+    others = [od.upper_bound(blocks, 0.9 * schedule.dual + 0.1 * random_dual(4, seed)) for seed in range(50)]
     assert min(others) >= schedule.root_bound * (1 - 1e-7)
 
 
@@ -248,10 +269,10 @@ def test_very_different_units_leave_the_certificate_valid_and_tight(name: str, d
     assert schedule.bound >= schedule.value
     assert schedule.bound >= best - rounding
     assert schedule.value <= best + rounding
-    assert schedule.root_bound == pytest.approx(max(upper_bound(scaled, schedule.dual), schedule.value), rel=1e-12)
+    assert schedule.root_bound == pytest.approx(max(od.upper_bound(scaled, schedule.dual), schedule.value), rel=1e-12)
     # no other Z does better: neither a single state nor a mixture
     others = [np.diag(unit) for unit in np.eye(n)] + [random_dual(n, k) for k in range(20)]
-    assert schedule.root_bound <= min(upper_bound(scaled, Z) for Z in others) * (1 + 1e-6) + rounding
+    assert schedule.root_bound <= min(od.upper_bound(scaled, Z) for Z in others) * (1 + 1e-6) + rounding
 
 
 @one_or_two

@@ -49,7 +49,7 @@ class KeepOutPolygon(AbstractConstraint):
 
     @property
     def size(self) -> tuple[float, str]:
-        """2 area / perimeter of the polygon [m]."""
+        """2 area / perimeter of the polygon [m], not widened."""
         return polygon_size(self.corners), LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:

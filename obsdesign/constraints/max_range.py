@@ -45,7 +45,7 @@ class MaxRange(AbstractConstraint):
 
     @property
     def size(self) -> tuple[float, str]:
-        """The distance [m]."""
+        """The largest distance [m]."""
         return self.distance, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:

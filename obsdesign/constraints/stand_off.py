@@ -45,7 +45,7 @@ class StandOff(AbstractConstraint):
 
     @property
     def size(self) -> tuple[float, str]:
-        """The distance [m]."""
+        """The smallest distance [m]."""
         return self.distance, LENGTH
 
     def margins(self, moment: Moment) -> list[Coordinate]:

@@ -45,39 +45,50 @@ class Posterior(AbstractCriterion):
 
     @property
     def label(self) -> str:
+        """posterior."""
         return "posterior"
 
     @property
     def symbol(self) -> str:
+        """The label."""
         return self.label
 
     @property
     def knowledge(self) -> Knowledge:
+        """What makes J of the samples: the prior, the process noise, the unknown inputs."""
         return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs)
 
     def value(self, W: np.ndarray) -> float:
+        """Return criterion(J)."""
         return self.criterion.value(W)
 
     def value_from_root(self, R: np.ndarray) -> np.ndarray:
+        """Return criterion of J = (R'R)^-1."""
         return self.criterion.value_from_root(R)
 
     def slope(self, W: np.ndarray) -> np.ndarray:
+        """Return the slope of the criterion at J."""
         return self.criterion.slope(W)
 
     @property
     def resolution(self) -> float:
+        """That of the criterion."""
         return self.criterion.resolution
 
     @property
     def scales_with_information(self) -> bool:
+        """False: what is known beforehand does not grow with the samples."""
         return False  # what is known beforehand does not grow with the samples
 
     @property
     def is_smallest_eigenvalue(self) -> bool:
+        """Whether the criterion is the smallest eigenvalue."""
         return self.criterion.is_smallest_eigenvalue
 
     def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        """Return the curvature of the criterion at J."""
         return self.criterion.curvature(W, D)
 
     def atom(self, W: cp.Expression) -> cp.Expression:
+        """Return the criterion's expression of J."""
         return self.criterion.atom(W)

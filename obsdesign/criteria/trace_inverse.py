@@ -24,17 +24,21 @@ class TraceInverse(AbstractCriterion):
 
     @property
     def label(self) -> str:
+        """−tr of the inverse of S W S."""
         return "−tr (S W S)⁻¹"
 
     @property
     def symbol(self) -> str:
+        """The label."""
         return self.label
 
     @property
     def knowledge(self) -> None:
+        """None: W is the samples' information about x(t_0)."""
         return None
 
     def value(self, W: np.ndarray) -> float:
+        """Return -tr W^-1, by unit sizes of the states; -inf where W is singular."""
         eigenvalues = spectrum(W)
         return (
             -np.inf
@@ -43,30 +47,37 @@ class TraceInverse(AbstractCriterion):
         )
 
     def value_from_root(self, R: np.ndarray) -> np.ndarray:
+        """Return -sum_ij R_ij^2."""
         return -np.sum(R**2, axis=(-2, -1))
 
     def slope(self, W: np.ndarray) -> np.ndarray:
+        """Return W^-2."""
         V = inverse(W)
         return V @ V
 
     @property
     def resolution(self) -> float:
+        """0: it scales with 1 / W."""
         return 0.0
 
     @property
     def scales_with_information(self) -> bool:
+        """True: value(c W) = value(W) / c."""
         return True
 
     @property
     def is_smallest_eigenvalue(self) -> bool:
+        """False: it has derivatives wherever W > 0."""
         return False
 
     def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        """Return 2 tr(V D_i V D_j V) with V = W^-1."""
         # 2 tr(V D_i V D_j V) with V = W^-1
         V = inverse(W)
         return 2 * np.einsum("iab,jba->ij", V @ D @ V, V @ D)
 
     def atom(self, W: cp.Expression) -> cp.Expression:
+        """Return -tr_inv(W)."""
         import cvxpy as cp
 
         return -cp.tr_inv(W)

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_count
+from obsdesign.arguments import validate_arguments
+from obsdesign.checks import as_array, require_count
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number, raster_picture, raster_text
 from obsdesign.errors import InputError
@@ -110,10 +112,32 @@ def block_values(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
     return np.einsum("ksij,ij->ks", blocks, Z)
 
 
-def upper_bound(blocks: np.ndarray, Z: np.ndarray, per_segment: int = 1) -> float:
-    """UB(Z) = sum_k (sum of the per_segment largest max(<W_ks, Z>, 0)) >= lambda_min of every schedule, for Z >= 0, tr Z = 1."""
-    largest = np.sort(np.maximum(block_values(blocks, Z), 0.0), axis=1)[:, -per_segment:]
-    return float(largest.sum())
+@validate_arguments
+def upper_bound(blocks: ArrayLike, Z: ArrayLike, per_segment: int = 1) -> float:
+    """Return UB(Z) >= lambda_min of every schedule of up to per_segment sensors a segment: the certificate's check, without a solver.
+
+    UB(Z) = sum_k (sum of the per_segment largest max(<W_ks, Z>, 0)) / tr Z, as lambda_min(W) <= <W, Z> / tr Z for every Z >= 0. With the
+    `dual` of a Schedule it is its `root_bound`, for the smallest eigenvalue of all states without anything `known`, without `robust_to`
+    and without rules: these only lower it.
+
+    Arguments:
+        blocks (K, S, n, n): information of each sensor in each segment, as given to select_sensors, in any unit.
+        Z (n, n): what information is worth by direction, symmetric, >= 0 and not 0; its scale does not matter.
+        per_segment: number of sensors that may be on in a segment.
+    Raises InputError for shapes that do not fit, blocks that are not symmetric and >= 0, and a Z that is none.
+    """
+    array, dual = require_blocks(np.asarray(blocks, dtype=float), per_segment), as_array("Z", Z)
+    if dual.shape != array.shape[2:]:
+        raise InputError(f"Z has shape {dual.shape}: must be {array.shape[2:]}, as each of the blocks")
+    if not np.isfinite(dual).all():
+        raise InputError("Z is not finite")
+    size = float(np.abs(dual).max())
+    if np.abs(dual - dual.T).max() > _ROUNDING_TOLERANCE * size or not size:
+        raise InputError("Z must be symmetric, and not 0")
+    if (lowest := float(np.linalg.eigvalsh(dual)[0])) < -_ROUNDING_TOLERANCE * size:
+        raise InputError(f"Z is not positive semidefinite: its eigenvalue is {lowest:.3g} (largest entry {size:.3g})")
+    largest = np.sort(np.maximum(block_values(array, dual), 0.0), axis=1)[:, -per_segment:]
+    return float(largest.sum() / np.trace(dual))
 
 
 def require_blocks(blocks: np.ndarray, per_segment: int, name: str = "blocks") -> np.ndarray:

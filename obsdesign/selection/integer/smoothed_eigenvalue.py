@@ -27,39 +27,49 @@ class SmoothedEigenvalue(AbstractCriterion):
 
     @property
     def label(self) -> str:
+        """smoothed λmin."""
         return "smoothed λmin"
 
     @property
     def symbol(self) -> str:
+        """The label."""
         return self.label
 
     @property
     def knowledge(self) -> None:
+        """None: W is the samples' information about x(t_0)."""
         return None
 
     def value(self, W: np.ndarray) -> float:
+        """Return max over t of t + tau log det(W - t I)."""
         return float(self.values(np.linalg.eigvalsh(W)[None], self.tau)[0])
 
     def value_from_root(self, R: np.ndarray) -> np.ndarray:
+        """Raise NotImplementedError: a step of a search, never a criterion of its own."""
         raise NotImplementedError("a step of a search, never a criterion of its own")
 
     def slope(self, W: np.ndarray) -> np.ndarray:
+        """Return Z = tau (W - t I)^-1, of trace 1."""
         shifted, bases = self.spectrum(W[None], self.tau)
         return (bases[0] * (self.tau / shifted[0])) @ bases[0].T
 
     @property
     def resolution(self) -> float:
+        """0: it is compared as the smallest eigenvalue is."""
         return 0.0
 
     @property
     def scales_with_information(self) -> bool:
+        """True: with tau in its unit."""
         return True
 
     @property
     def is_smallest_eigenvalue(self) -> bool:
+        """False: it has derivatives."""
         return False
 
     def curvature(self, W: np.ndarray, D: np.ndarray) -> np.ndarray:
+        """Return tau (<T_i, T_j> - h_i h_j / sum s^-2), T_i = M^-1/2 D_i M^-1/2, M = W - t I of eigenvalues s, h_i = sum diag(T_i) / s."""
         shifted, bases = self.spectrum(W[None], self.tau)
         inverse_root = 1 / np.sqrt(shifted[0])
         transformed = (bases[0].T @ D @ bases[0]) * np.outer(inverse_root, inverse_root)
@@ -68,6 +78,7 @@ class SmoothedEigenvalue(AbstractCriterion):
         return self.tau * (flat @ flat.T - np.outer(shift_response, shift_response) / np.sum(shifted**-2.0))
 
     def atom(self, W: cp.Expression) -> cp.Expression:
+        """Raise NotImplementedError: a step of a search, never a criterion of its own."""
         raise NotImplementedError("a step of a search, never a criterion of its own")
 
     @staticmethod

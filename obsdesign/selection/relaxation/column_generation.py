@@ -65,11 +65,12 @@ def solve_relaxation(
         return None  # some state is unseen by all sensors together: the criterion is -inf throughout
     for dual in start_duals:
         pool.price_dual(dual)
-    mixture, round_count, smallest_gap, last_progress = None, 0, np.inf, 0
+    mixture, initial_mixture = None, None
+    round_count, smallest_gap, last_progress = 0, np.inf, 0
     while round_count < rounds and round_count - last_progress < _STALL_ROUNDS:
-        candidate = solve_master(instance, pool.columns, mixture or pool.initial_mixture)
-        if candidate is None and mixture is None and pool.add_observable_columns():
-            candidate = solve_master(instance, pool.columns, pool.initial_mixture)
+        candidate = solve_master(instance, pool.columns, mixture or initial_mixture)
+        if candidate is None and mixture is None and (initial_mixture := pool.add_observable_columns()) is not None:
+            candidate = solve_master(instance, pool.columns, initial_mixture)
         if candidate is None:
             break
         mixture, round_count = candidate, round_count + 1
@@ -161,18 +162,27 @@ class _ColumnPool:
         self.columns: list[Column] = []
         self.idle_rounds: list[int] = []
         self.evaluated_duals: list[tuple[Dual, float]] = []
-        self.bound = np.inf
-        self.best: Dual | None = None
-        self.initial_mixture: Mixture | None = None
         self._is_unrestricted = is_unrestricted
         self._add_cheapest()
+
+    @property
+    def best(self) -> Dual | None:
+        """The dual of the lowest bound, None where none is finite."""
+        return self._best_pair[0]
+
+    @property
+    def bound(self) -> float:
+        """The lowest bound of a dual."""
+        return self._best_pair[1]
+
+    @property
+    def _best_pair(self) -> tuple[Dual | None, float]:
+        return min((pair for pair in self.evaluated_duals if pair[1] < np.inf), key=lambda pair: pair[1], default=(None, np.inf))
 
     def price_dual(self, dual: Dual, mixture: Mixture | None = None) -> bool:
         """Bound by a dual, take its schedule as a column, and say whether the mixture gains from it."""
         bound, column = self.oracle(dual)
         self.evaluated_duals.append((dual, bound))
-        if bound < self.bound:
-            self.best, self.bound = dual, bound
         if mixture is not None and not _improves(self.instance, mixture, column):
             return False
         self._add(column)
@@ -189,8 +199,8 @@ class _ColumnPool:
             return mixture
         retained = np.array(self.idle_rounds) <= _MAX_IDLE_ROUNDS
         shares = mixture.shares[retained[: len(mixture.shares)]]
-        self.columns = [column for column, retain in zip(self.columns, retained, strict=True) if retain]
-        self.idle_rounds = [count for count, retain in zip(self.idle_rounds, retained, strict=True) if retain]
+        self.columns[:] = [column for column, retain in zip(self.columns, retained, strict=True) if retain]
+        self.idle_rounds[:] = [count for count, retain in zip(self.idle_rounds, retained, strict=True) if retain]
         return Mixture(shares / shares.sum(), mixture.value, mixture.dual, mixture.multipliers)
 
     def _add_cheapest(self) -> None:
@@ -202,24 +212,23 @@ class _ColumnPool:
             )
             self._add(self.oracle(resource_dual)[1])
 
-    def add_observable_columns(self) -> bool:
-        """Begin with a mixture within the limits that sees every direction, where a criterion is -inf for others: False without one."""
+    def add_observable_columns(self) -> Mixture | None:
+        """Add the columns of a mixture within the limits that sees every direction, where a criterion is -inf for others; return it."""
         instance = self.instance
         if instance.criterion.is_smallest_eigenvalue or not self._is_unrestricted:
-            return False
+            return None
         observable = observable_mixture(instance)
         if observable is None or not np.isfinite(
             instance.mixture_value(
                 np.tensordot(observable.shares, np.stack([observable_column.W for observable_column in observable.columns]), 1)
             )
         ):
-            return False
+            return None
         shares = np.concatenate([np.zeros(len(self.columns)), observable.shares])
         for column in observable.columns:
             self._add(column_of(instance, column.chosen))
         R = len(instance.working_sensors)
-        self.initial_mixture = Mixture(shares, -np.inf, observable.dual, np.ones(R) / R)
-        return True
+        return Mixture(shares, -np.inf, observable.dual, np.ones(R) / R)
 
     def _add(self, column: Column) -> None:
         self.columns.append(column)
