@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from obsdesign.errors import InputError
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.search import Incumbent
 from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import dual_bound
-from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.schedule import Schedule, gap_of
 from obsdesign.status import Status
 

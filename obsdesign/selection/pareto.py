@@ -18,10 +18,10 @@ from obsdesign.errors import InputError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.selection.build import build_problem
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.search import SelectionOptions
 from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import dual_bound
-from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.schedule import Schedule, require_blocks
 from obsdesign.selection.solver import solve_selection
 

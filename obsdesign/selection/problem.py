@@ -11,9 +11,9 @@ from obsdesign.conic import smat, svec
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.rules.abstract import Resource
 from obsdesign.selection.double_double import DoubleDouble
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.extended_sums import exact_sums
 from obsdesign.selection.pricing.abstract import AbstractSchedules
-from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.scaled_criterion import ScaledCriterion
 
 _EPS = float(np.finfo(float).eps)

@@ -17,6 +17,7 @@ from obsdesign.errors import InputError, SolveError
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.certificate import certify, failure_schedule, hidden_schedule, reject
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.best_first_search import continue_best_first, supports_best_first
 from obsdesign.selection.integer.eigenvector_cuts import cut_note, is_integer_program, solve_by_cuts
 from obsdesign.selection.integer.rounding import purify
@@ -41,7 +42,6 @@ from obsdesign.selection.relaxation.column_generation import (
     solve_relaxation,
     uniform_mixture,
 )
-from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.relaxation.dual_interior_point import follow_central_path, is_applicable
 from obsdesign.selection.schedule import Schedule, require_blocks
 from obsdesign.status import Status

@@ -24,23 +24,28 @@ class CriterionObjective(AbstractMatrixObjective):
 
     @property
     def is_cone(self) -> bool:
+        """Whether the criterion is the smallest eigenvalue: maximise t under W - t E >= 0."""
         return self.criterion.is_smallest_eigenvalue
 
     @property
     def is_worst_case(self) -> bool:
+        """Whether the worst of several draws counts, not their mean."""
         return self.worst_case
 
     def cone_matrix(self, n: int) -> np.ndarray:
+        """Return E = diag(1 for the states that are judged, 0 for the others)."""
         E = np.zeros((n, n))
         E[self.state_indices, self.state_indices] = 1.0
         return E
 
     def values(self, matrices: np.ndarray) -> np.ndarray:
+        """Return criterion(W_aa - W_ab W_bb^-1 W_ba), a the states that are judged, b the others."""
         if self.is_cone and len(self.state_indices) == matrices.shape[-1]:
             return np.linalg.eigvalsh(matrices)[:, 0] if np.isfinite(matrices).all() else np.full(len(matrices), -np.inf)
         return np.array([self.criterion.value(schur_complement(W, self.state_indices)) for W in matrices])
 
     def gradients(self, matrices: np.ndarray) -> np.ndarray:
+        """Return L Z L', Z the slope of the criterion at L'W L, L = (1; -W_bb^-1 W_ba)."""
         gradients = np.empty_like(matrices)
         for i, W in enumerate(matrices):
             L = elimination_matrix(W, self.state_indices)
@@ -48,6 +53,7 @@ class CriterionObjective(AbstractMatrixObjective):
         return gradients
 
     def curvatures(self, matrices: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
+        """Return the criterion's curvature along L'D L, and 2 <Z, L'D P W_bb^-1 P'D L> of the Schur complement, P the columns of b."""
         eliminated = np.setdiff1d(np.arange(matrices.shape[-1]), self.state_indices)
         curvatures = []
         for W, D in zip(matrices, derivatives, strict=True):
@@ -63,6 +69,7 @@ class CriterionObjective(AbstractMatrixObjective):
         return np.array(curvatures)
 
     def unit(self, matrices: np.ndarray) -> float:
+        """Return the value's size; for a cone no less than a share of the mean trace; 1 where differences count."""
         value = evaluate_objective(self, matrices)
         if self.is_cone:
             # 1 where nothing is known at all: a unit next to 0 would make multipliers overflow

@@ -44,11 +44,13 @@ class JointProgram(AbstractProgram[Evaluation, Derivatives]):
         return v[:q], v[q:].reshape(self._shape)
 
     def evaluate(self, p: np.ndarray) -> Evaluation:
+        """Return the path's evaluation under the weights, with the rows per_segment - sum_s s_ks beside its own."""
         path, weights = self.split(p)
         evaluation = self._path_program.evaluate(path, self._path_program.due(weights))
         return replace(evaluation, p=p, rows=np.concatenate([evaluation.rows, self._per_segment - weights.sum(axis=1)]))
 
     def derivatives(self, evaluation: Evaluation) -> Derivatives:
+        """Return the path's derivatives, and beside them dW/ds_ks = W_ks and the constant slopes of the sums of weights."""
         derivatives = self._path_program.derivatives(self._path_evaluation(evaluation))
         count = self._segment_sums.shape[1]
         rows = np.block(
@@ -62,6 +64,7 @@ class JointProgram(AbstractProgram[Evaluation, Derivatives]):
         return replace(derivatives, matrices=matrices, floors=floors, rows=rows, price=np.concatenate([derivatives.price, np.zeros(count)]))
 
     def lagrangian_hessian(self, evaluation: Evaluation, derivatives: Derivatives, multipliers: Multipliers) -> np.ndarray:
+        """Return [[H_path, C'], [C, 0]] with C = <Z, dW_ks/dp>, summed over the steps of each segment."""
         inner, (K, S), q = self._path_evaluation(evaluation), self._shape, self._path_program.q
         H = np.zeros((len(self.lower),) * 2)
         H[:q, :q] = self._path_program.lagrangian_hessian(inner, derivatives, multipliers)

@@ -63,25 +63,32 @@ class LinearObjective(AbstractMatrixObjective):
 
     @property
     def is_cone(self) -> bool:
+        """False: it is linear."""
         return False
 
     @property
     def is_worst_case(self) -> bool:
+        """True: the smallest of the numbers."""
         return True
 
     def cone_matrix(self, n: int) -> np.ndarray:
+        """Return 0: there is no cone."""
         return np.zeros((n, n))
 
     def values(self, matrices: np.ndarray) -> np.ndarray:
+        """Return <Z, W> of every matrix."""
         return np.einsum("ij,bij->b", self.Z, matrices)
 
     def gradients(self, matrices: np.ndarray) -> np.ndarray:
+        """Return Z for every matrix."""
         return np.broadcast_to(self.Z, matrices.shape)
 
     def curvatures(self, matrices: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
+        """Return 0: it does not bend."""
         return np.zeros((len(matrices), derivatives.shape[1], derivatives.shape[1]))
 
     def unit(self, matrices: np.ndarray) -> float:
+        """Return the largest |<Z, W>|, 1 where all are 0."""
         return float(np.abs(self.values(matrices)).max()) or 1.0
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.reduced_problem import Layer, ReducedProblem, information_of_sums, price_vector
 from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.relaxation.column import Column
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, gap_scale, solve_relaxation
-from obsdesign.selection.relaxation.dual import Dual
-from obsdesign.selection.relaxation.restricted_master import Column
 
 _BATCH_SIZE = 1024  # partial schedules that are taken further at a time
 _DUALS_PER_BATCH = 24  # duals that bound each of them ...

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.branch_and_bound import TreeResult, cutoff, dual_constants, schedules_of, within_limits
 from obsdesign.selection.integer.reduced_problem import Layer, ReducedProblem, information_of_sums, price_vector
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
 
 MAX_SCHEDULES = 1_000_000  # schedules that are tried
 _CHUNK_SIZE = 16_384  # at a time

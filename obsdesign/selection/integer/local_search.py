@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.conic import smat, svec
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.branch_and_bound import cutoff
 from obsdesign.selection.integer.smoothed_eigenvalue import SmoothedEigenvalue
 from obsdesign.selection.pricing.abstract import AbstractSeparateSchedules
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
 
 _MAX_CHANGES = 600  # changes considered: those that cost least in the prices of the dual; no scan of all segments
 _MAX_EXCHANGES = 64  # of the pairs, and of the single changes, that a second-order model likes best are worth computing

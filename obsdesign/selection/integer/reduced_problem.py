@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from obsdesign.conic import smat, svec
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.pricing.abstract import AbstractSeparateSchedules
 from obsdesign.selection.pricing.dwell_chain import DwellChain
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
 
 _MAX_LAYERS = 1500  # undecided segments, and ...
 _MARGIN_FACTOR = 1.0 + 1e-9  # times the largest regret that is allowed: rounding does not shut out the segment that sets it

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import optimize, sparse
 
 from obsdesign.conic import svec
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.reduced_problem import Layer, ReducedProblem, information_of_sums, make_layer, price_vector
 from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.relaxation.column import Column
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, gap_scale, solve_relaxation
-from obsdesign.selection.relaxation.dual import Dual
-from obsdesign.selection.relaxation.restricted_master import Column
 
 _MAX_UNDECIDED = (300, 1500, 6000)  # segments, those decided with the least margin, in which the relaxation may be undecided
 _ACCEPTED_LOSS = 1e-7  # of the bound: what may be lost by that

@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
-from obsdesign.selection.relaxation.restricted_master import Column, Mixture, column_of, solve_master
+from obsdesign.selection.relaxation.column import Column, Mixture, column_of
+from obsdesign.selection.relaxation.restricted_master import solve_master
 from obsdesign.selection.scaled_criterion import ScaledCriterion
 
 _MAX_ROUNDS = 400  # column generation ends in 5 to 60 rounds for few states, in some hundred for 15

@@ -9,10 +9,10 @@ import cvxpy as cp
 import numpy as np
 
 from obsdesign.conic import smat
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.pricing.cardinality import CardinalitySchedules
 from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, uniform_mixture
-from obsdesign.selection.relaxation.dual import Dual
 from obsdesign.selection.relaxation.restricted_master import normalise_dual
 from obsdesign.selection.scaled_criterion import ScaledCriterion
 

@@ -8,9 +8,9 @@ import numpy as np
 from scipy import linalg
 
 from obsdesign.conic import smat, svec
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.pricing.cardinality import CardinalitySchedules, top_of
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
 
 _BARRIER_REDUCTION = 0.15  # of the barrier from one centre to the next
 _MAX_STEPS = 80  # of Newton's method at most: 16 centres take the barrier to 0.15^16 = 1e-13, which leaves five to each

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from obsdesign.conic import nonnegative_cone, solve_conic_program, svec, zero_cone
+from obsdesign.conic import ConicSettings, nonnegative_cone, solve_conic_program, svec, zero_cone
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
-from obsdesign.selection.relaxation.restricted_master import MASTER_SETTINGS, Column, Mixture
+from obsdesign.selection.relaxation.column import Column, Mixture
 
+MASTER_SETTINGS = ConicSettings(tolerance=1e-10, max_iterations=100)  # of every restricted master
 _MAX_STEPS = 40  # of Newton's method at most; it ends before when a step promises less than _ENOUGH
 _MIN_INCREASE = 1e-11  # of the value: what a step must promise
 _MAX_HALVINGS = 30  # of a step: where 1e-9 of it does not help, it is given up

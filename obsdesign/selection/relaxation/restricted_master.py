@@ -2,52 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from scipy import sparse
 
-from obsdesign.conic import ConicSettings, nonnegative_cone, semidefinite_cone, smat, solve_conic_program, svec, zero_cone
+from obsdesign.conic import nonnegative_cone, semidefinite_cone, smat, solve_conic_program, svec, zero_cone
+from obsdesign.selection.dual import Dual
 from obsdesign.selection.problem import SelectionProblem
-from obsdesign.selection.relaxation.dual import Dual
-
-MASTER_SETTINGS = ConicSettings(tolerance=1e-10, max_iterations=100)
-
-
-@dataclass(frozen=True, eq=False)
-class Column:
-    """A schedule as a mixture sees it: W (R, n, n), usage (resources,), what switching takes off.
-
-    chosen (K, S), or the steps of a walk through what is undecided.
-    """
-
-    chosen: np.ndarray
-    W: np.ndarray
-    usage: np.ndarray
-    penalty: float
-
-
-@dataclass(frozen=True, eq=False)
-class Mixture:
-    """Shares (J,) of the columns, the value of the mixture, and the dual it leads to."""
-
-    shares: np.ndarray
-    value: float
-    dual: Dual
-    multipliers: np.ndarray = field(repr=False)
-
-
-def column_of(instance: SelectionProblem, chosen: np.ndarray) -> Column:
-    """Return a schedule as a column."""
-    return Column(chosen, instance.information(chosen), instance.usage(chosen), instance.penalty(chosen))
+from obsdesign.selection.relaxation.column import Column, Mixture
+from obsdesign.selection.relaxation.master_newton import MASTER_SETTINGS, maximise_by_newton
 
 
 def solve_master(instance: SelectionProblem, columns: list[Column], previous: Mixture | None) -> Mixture | None:
     """Return the best mixture, or None where the solver gives up. previous: that of the first columns, where a climb begins."""
     if instance.criterion.is_smallest_eigenvalue:
         return _maximise_eigenvalue(instance, columns)
-    from obsdesign.selection.relaxation.master_newton import maximise_by_newton
-
     return maximise_by_newton(instance, columns, previous)
 
 
