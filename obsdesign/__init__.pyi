@@ -67,7 +67,7 @@ from .paths.dubins_path import DubinsPath as DubinsPath
 from .paths.piecewise_constant import PiecewiseConstant as PiecewiseConstant
 from .planning.closed_loop import Flight as Flight
 from .planning.closed_loop import fly as fly
-from .planning.planner import Plan as Plan
+from .planning.plan import Plan as Plan
 from .planning.planner import Planner as Planner
 from .prior import Prior as Prior
 from .report.folder import write_report as write_report

@@ -13,11 +13,12 @@ from scipy.stats import chi2
 
 import obsdesign as od
 import obsdesign.planning.closed_loop as flying
-import obsdesign.planning.planner as planning
+from obsdesign.design import tightening
 from obsdesign.design.feasibility import is_feasible, violations
 from obsdesign.design.sqp.trust_region_sqp import Solution
 from obsdesign.planning.closed_loop import Flight, fly
-from obsdesign.planning.planner import Plan, Planner
+from obsdesign.planning.plan import Plan
+from obsdesign.planning.planner import Planner
 
 SYSTEM = od.System(od.Dubins(1.0, wind="constant"), (od.GPS(2.0),))
 START = np.array([0.0, 0.0, 0.1, 0.2, -0.1])
@@ -35,7 +36,7 @@ PROBLEM = od.DesignProblem(
     constraints=(OBSTACLE, AREA),
 )
 STD = (2.0, 2.0, 0.3, 0.3, 0.3)
-REAL_CLIMB = planning.solve
+REAL_CLIMB = tightening.solve
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +119,7 @@ def no_climb(*_: Any, **__: Any) -> Solution:
 def test_after_an_interval_without_noise_the_plan_that_is_kept_is_the_rest_of_the_path(
     planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(planning, "solve", no_climb)
+    monkeypatch.setattr(tightening, "solve", no_climb)
     plan, x = first, START
     for k in range(1, 4):
         x = flown(x, plan, 1.0)
@@ -144,7 +145,7 @@ def test_a_climb_begins_with_the_rest_of_the_path_wherever_in_a_piece_the_vehicl
         begun.append(program.inputs(p))
         return replace(REAL_CLIMB(program, aim, p, *rest, **limits), p=p)
 
-    monkeypatch.setattr(planning, "solve", idle_climb)
+    monkeypatch.setattr(tightening, "solve", idle_climb)
     plan, x = first, START
     for k, elapsed in enumerate(times):
         x = flown(x, plan, elapsed) if elapsed else x
@@ -161,12 +162,12 @@ def test_multipliers_of_limits_stay_with_their_instants(planner: Planner, first:
         seen.append((program.rows, warm.multipliers))
         return REAL_CLIMB(program, aim, p, warm, *rest, **limits)
 
-    monkeypatch.setattr(planning, "solve", looked_at)
+    monkeypatch.setattr(tightening, "solve", looked_at)
     rows, before = first.memory.rows, first.memory.warm_start.multipliers
     planner.step(flown(START, first, 1.0), first)
     later, after = seen[0]
     old = dict(zip(zip(rows.node - 4, rows.margin, rows.delay, strict=True), before.rows, strict=False))
-    found = dict(zip(zip(later.node, later.margin, later.after, strict=True), after.rows, strict=False))
+    found = dict(zip(zip(later.node, later.margin, later.delay, strict=True), after.rows, strict=False))
     assert max(before.rows) > 0 and len(found) == len(later.node)
     assert all(found[place] == old.get(place, 0.0) for place in found)
     np.testing.assert_array_equal(after.matrices, before.matrices)
@@ -220,7 +221,7 @@ FAILURES: dict[str, Callable[..., Any]] = {
 
 @pytest.mark.parametrize("failure", FAILURES)
 def test_a_climb_that_fails_leaves_the_path_that_was_known(planner: Planner, first: Plan, failure: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(planning, "solve", FAILURES[failure])
+    monkeypatch.setattr(tightening, "solve", FAILURES[failure])
     x = flown(START, first, 1.0)
     plan = planner.step(x, first)
     require_honest(plan, x)
@@ -241,13 +242,13 @@ def test_a_better_path_that_breaks_a_limit_is_not_taken(monkeypatch: pytest.Monk
     assert problem.value(swinging) > problem.value(straight) and not is_feasible(problem, swinging) and is_feasible(problem, straight)
     planner = Planner(problem, every=1.0, starts=1)
     known = planner.step(START, deadline=0.0)
-    monkeypatch.setattr(planning, "solve", solution_of(od.Status.LOCALLY_OPTIMAL, lambda _: weave))
+    monkeypatch.setattr(tightening, "solve", solution_of(od.Status.LOCALLY_OPTIMAL, lambda _: weave))
     plan = planner.step(START, known, elapsed=0.0)
     assert plan.feasible and plan.age == 1 and not plan.trajectory.u.any()
 
 
 def test_after_a_climb_that_failed_the_next_begins_with_the_path(planner: Planner, first: Plan, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(planning, "solve", solution_of(od.Status.LOCALLY_INFEASIBLE, lambda p: 0 * p))
+    monkeypatch.setattr(tightening, "solve", solution_of(od.Status.LOCALLY_INFEASIBLE, lambda p: 0 * p))
     plan = planner.step(flown(START, first, 1.0), first)
     np.testing.assert_allclose(np.repeat(plan.p, 4), rest(first, 4)[:, 0], atol=1e-12)
 
@@ -257,7 +258,7 @@ def test_where_the_held_end_of_a_path_breaks_a_limit_it_ends_otherwise(monkeypat
     wall = od.KeepIn(((-6.0, -7.0), (16.4, -7.0), (16.4, 9.0), (-6.0, 9.0)))
     problem = replace(PROBLEM, constraints=(wall,))
     planner = Planner(problem, every=3.0, starts=1)
-    monkeypatch.setattr(planning, "solve", solution_of(od.Status.ITERATION_LIMIT, lambda p: 0 * p))
+    monkeypatch.setattr(tightening, "solve", solution_of(od.Status.ITERATION_LIMIT, lambda p: 0 * p))
     straight = od.simulate(SYSTEM, START, np.zeros((48, 1)), 0.25)
     before = replace(planner.step(START, deadline=0.0), trajectory=straight)
     x = straight.x[12]

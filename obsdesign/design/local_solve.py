@@ -1,4 +1,4 @@
-"""One climb as a task for a worker: rows, climb, check between the nodes, tighten, climb again."""
+"""One local solve as a task for a worker, through families from coarse to fine."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.design.blas_threads import one_thread
-from obsdesign.design.feasibility import initial_rows, tighten
+from obsdesign.design.feasibility import initial_rows
 from obsdesign.design.nlp.criterion_objective import matrix_objective_of
-from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective
 from obsdesign.design.sqp.solver_state import WarmStart
-from obsdesign.design.sqp.trust_region_sqp import TOLERANCE, Solution, StoppingCriteria, solve
+from obsdesign.design.sqp.trust_region_sqp import TOLERANCE, StoppingCriteria
+from obsdesign.design.tightening import SolveRound, SolveStart, solve_rounds
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
@@ -74,32 +74,28 @@ def solve_locally(local_solve: LocalSolve) -> LocalSolution:
 
 
 def _solve_and_tighten(problem: DesignProblem, local_solve: LocalSolve, u: np.ndarray, is_checked: bool) -> LocalSolution:
-    """Climb until the rows stay what they are and nothing falls short between the nodes."""
-    objective = matrix_objective_of(problem) if local_solve.objective is None else local_solve.objective
-    p, warm_start, iterations = problem.path.fit(u, problem.grid), None, 0
-    rows = initial_rows(problem)
-    for round_, factor in enumerate(_ALLOWANCE_FACTORS):
-        solution = solve(
-            Program(problem, rows),
-            objective,
-            p,
-            warm_start,
-            local_solve.eigenvalue_floor,
-            StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE),
-        )
-        iterations += solution.iterations
-        p, warm_start, path = solution.p, solution.warm_start, problem.path_of(solution.p)
-        tighter_rows = tighten(problem, path, rows, factor) if is_checked and solution.status.has_answer else None
-        if tighter_rows is None or round_ == len(_ALLOWANCE_FACTORS) - 1:
-            return _local_solution(
-                local_solve.name, path, solution, iterations, solution.status if tighter_rows is None else Status.ITERATION_LIMIT
-            )
-        warm_start, rows = (
-            replace(warm_start, multipliers=warm_start.multipliers.with_rows(len(rows.node), len(tighter_rows.node))),
-            tighter_rows,
-        )
-    raise AssertionError("the last round returns")
+    """Solve until the rows stay what they are and nothing falls short between the nodes."""
+    rounds = solve_rounds(
+        problem,
+        matrix_objective_of(problem) if local_solve.objective is None else local_solve.objective,
+        SolveStart(problem.path.fit(u, problem.grid), initial_rows(problem)),
+        _ALLOWANCE_FACTORS,
+        lambda solution, _: is_checked and solution.status.has_answer,
+        stopping=StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE),
+        eigenvalue_floor=local_solve.eigenvalue_floor,
+    )
+    iterations, last = 0, None
+    for last in rounds:
+        iterations += last.solution.iterations
+        if not last.is_tightened:
+            break
+    if last is None:
+        raise AssertionError("there is a round")
+    return _local_solution(local_solve.name, last, iterations)
 
 
-def _local_solution(name: str, path: Trajectory, solution: Solution, iterations: int, status: Status) -> LocalSolution:
+def _local_solution(name: str, last: SolveRound, iterations: int) -> LocalSolution:
+    """Return where the last round ended; one after which there would have to be another has not come to an end."""
+    solution, path = last.solution, last.checked.path
+    status = Status.ITERATION_LIMIT if last.is_tightened else solution.status
     return LocalSolution(name, solution.p, path.u, path, solution.objective, status, iterations, solution.residual, solution.warm_start)

@@ -21,7 +21,9 @@ from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.estimation.validation import GATE_THRESHOLD
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_information import sampling_mask
-from obsdesign.planning.planner import ITERATIONS, Horizon, Plan, Planner
+from obsdesign.planning.plan import Plan
+from obsdesign.planning.planner import ITERATIONS, Planner
+from obsdesign.planning.shifted_path import Horizon
 from obsdesign.prior import Prior
 from obsdesign.status import Status
 
