@@ -26,7 +26,6 @@ from .criteria.posterior import Posterior as Posterior
 from .criteria.trace_inverse import TraceInverse as TraceInverse
 from .curves import Curve as Curve
 from .curves import shortest_curve as shortest_curve
-from .design.feasibility import Violation as Violation
 from .design.floor import Floor as Floor
 from .design.multistart import design_trajectory as design_trajectory
 from .design.problem import DesignProblem as DesignProblem
@@ -34,6 +33,8 @@ from .design.record import Design as Design
 from .design.record import Evidence as Evidence
 from .design.record import Robustness as Robustness
 from .design.robust import Robust as Robust
+from .design.violation import Violation as Violation
+from .design.violation import ViolationKind as ViolationKind
 from .dynamics.control_affine import ControlAffineSystem as ControlAffineSystem
 from .dynamics.simulation import simulate as simulate
 from .dynamics.system import System as System

@@ -128,7 +128,19 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
 # records that obsdesign returns, enumerations, errors: nothing that a user gives goes into them
 RETURNED = (
     *("CircleResiduals", "Contributions", "Curve", "Design", "Evidence", "Flight", "InputError", "Joint", "Loss", "ObsdesignError"),
-    *("Pareto", "Perturbation", "Plan", "Robustness", "Scenario", "ScenarioError", "Schedule", "SolveError", "Status", "Violation"),
+    *(
+        "Pareto",
+        "Perturbation",
+        "Plan",
+        "Robustness",
+        "Scenario",
+        "ScenarioError",
+        "Schedule",
+        "SolveError",
+        "Status",
+        "Violation",
+        "ViolationKind",
+    ),
     *("Study", "UnobservableError", "Validation", "Verdict"),
 )
 

@@ -129,6 +129,7 @@ def test_the_naive_path_follows_the_circle_to_the_goal_and_keeps_every_limit_but
     radius = np.hypot(*candidate.path.x[:, :2].T)
     np.testing.assert_allclose(radius, 20.0, rtol=1e-6)
     assert not candidate.violations
-    clear = replace(problem, constraints=(*problem.constraints, od.CircleClearance(2.0, 20.0)))
-    assert [each.what.split(":")[0] for each in violations(clear, candidate.path)] == ["CircleClearance"]
+    circle = od.CircleClearance(2.0, 20.0)
+    clear = replace(problem, constraints=(*problem.constraints, circle))
+    assert [each.constraint for each in violations(clear, candidate.path)] == [circle]
     assert np.hypot(*(candidate.path.x[-1, :2] - [0.0, 20.0])) == pytest.approx(0.11, abs=0.01)

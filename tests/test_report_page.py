@@ -17,9 +17,9 @@ import pytest
 import obsdesign as od
 import obsdesign.constraints
 from obsdesign.constraints.goal import Goal
-from obsdesign.design.feasibility import Violation
 from obsdesign.design.initial_guesses import shortest_inputs
 from obsdesign.design.record import Evidence, Optimum, Start
+from obsdesign.design.violation import InputBound, InputRate, Violation, ViolationKind
 from obsdesign.families import kinds, leaf
 from obsdesign.moment import Moment
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
@@ -399,7 +399,7 @@ def test_every_kind_of_constraint_has_a_place_on_the_map_or_none_and_words_for_b
     for kind, (constraint, count) in EVERY_SHAPE.items():
         assert leaf(obsdesign.constraints, kind) is type(constraint)
         assert len(shapes([constraint], LANDMARKS)) == count, kind
-        words = violation_in_words(Violation(str(constraint), 1.0, 2.5, "m", -1.0))
+        words = violation_in_words(Violation(constraint, ViolationKind.CONSTRAINT, 1.0, 2.5, "m", -1.0))
         assert words.endswith(f"by 2.50{NARROW}m")
         assert "exceeds" not in words
 
@@ -420,19 +420,37 @@ def test_the_shapes_on_the_map_are_where_the_margins_are_zero():
 
 
 @pytest.mark.parametrize(
-    ("short", "text"),
+    ("kind", "limit", "by", "unit", "text"),
     [
-        (Violation("Goal: within 3 m of (0, 0)", 1.0, 3.2, "m", -1.0), f"misses the goal by 3.20{NARROW}m"),
+        (ViolationKind.CONSTRAINT, od.Goal((0.0, 0.0), 3.0), 3.2, "m", f"misses the goal by 3.20{NARROW}m"),
+        (ViolationKind.START, od.KeepOut((0.0, 0.0), 3.0), 3.2, "m", f"enters a keep-out circle by 3.20{NARROW}m"),
         (
-            Violation("turn_rate within -0.1 to 0.1 rad/s", 1.0, np.pi / 180, "rad/s", -1.0),
+            ViolationKind.INPUT_BOUND,
+            InputBound(od.Signal("turn_rate", "rad/s"), -0.1, 0.1),
+            np.pi / 180,
+            "rad/s",
             f"leaves the bounds of turn rate by 1.00{NARROW}deg/s",
         ),
-        (Violation("path length at most 30 m", 1.0, 12.0, "m", -1.0), f"exceeds the budget of path length by 12.0{NARROW}m"),
-        (Violation("effort (2 turn_rate^2) at most 3", 1.0, 0.5, "", -1.0), "exceeds the budget of effort (2 turn_rate^2) by 0.500"),
+        (
+            ViolationKind.INPUT_RATE,
+            InputRate(od.Signal("speed", "m/s"), 0.1),
+            0.5,
+            "m/s/s",
+            f"changes speed too fast by 0.500{NARROW}m/s/s",
+        ),
+        (ViolationKind.BUDGET, od.Budget(od.PathLength(), 30.0), 12.0, "m", f"exceeds the budget of path length by 12.0{NARROW}m"),
+        (
+            ViolationKind.BUDGET,
+            od.Budget(od.Effort({"turn_rate": 2.0}), 3.0),
+            0.5,
+            "",
+            "exceeds the budget of effort (2 turn_rate^2) by 0.500",
+        ),
+        (ViolationKind.FLOOR, od.Floor(4.0, 2.0), 0.5, "", "sees too little for a while, falling short by 0.500"),
     ],
 )
-def test_what_a_path_breaks_is_told_in_words_and_units(short, text):
-    assert violation_in_words(short) == text
+def test_what_a_path_breaks_is_told_in_words_and_units(kind, limit, by, unit, text):
+    assert violation_in_words(Violation(limit, kind, 1.0, by, unit, -1.0)) == text
 
 
 def test_how_far_the_straight_path_misses_the_goal_is_its_distance_from_the_disc(aerosonde):

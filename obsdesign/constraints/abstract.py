@@ -42,6 +42,11 @@ class AbstractConstraint(ABC):
     def size(self) -> tuple[float, str]:
         """What a margin of 1 is worth, and its unit: (3.0, "m")."""
 
+    @property
+    @abstractmethod
+    def breach(self) -> str:
+        """What a path does that breaks it, as a predicate: "misses the goal"; by how much follows."""
+
     @abstractmethod
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return the margins at a moment; the number of them depends on the landmarks alone."""

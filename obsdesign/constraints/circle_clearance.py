@@ -57,6 +57,11 @@ class CircleClearance(AbstractConstraint):
         """The clearance [m]."""
         return self.clearance, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "stays too near the beacons' circle"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return (sqrt(f^2 + (time_scale df/dt)^2) - clearance) / clearance, rounded where f = df/dt = 0."""
         (x, y), radius = circle_through(moment.landmarks if self.landmarks is None else self.landmarks)

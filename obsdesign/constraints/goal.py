@@ -48,6 +48,11 @@ class Goal(AbstractConstraint):
         """The tolerance [m]."""
         return self.tolerance, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "misses the goal"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return 1 - |position - point| / tolerance, rounded at the point."""
         return [-outside_disc(moment, self.point, self.tolerance)]

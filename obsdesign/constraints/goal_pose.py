@@ -57,6 +57,11 @@ class GoalPose(AbstractConstraint):
         """One tolerance, of position or of heading."""
         return 1.0, "tolerances"
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "misses the goal pose"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return 1 - |position - point| / tolerance, and (c(T) - c(heading error)) / (T cos(T / 2)) with T = heading_tolerance."""
         position = -outside_disc(moment, self.point, self.tolerance)

@@ -56,6 +56,11 @@ class GroundSpeed(AbstractConstraint):
             return (self.most - self.least) / 2, SPEED
         return self.least or self.most or 0.0, SPEED
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "is too slow or too fast"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return (speed - least) / size and (most - speed) / size, as far as there are limits; rounded at rest."""
         squared = moment.rate["x"] * moment.rate["x"] + moment.rate["y"] * moment.rate["y"]

@@ -66,6 +66,11 @@ class HeadingSector(AbstractConstraint):
         """Half the sector's width [rad]."""
         return self.width / 2, ANGLE
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "heads out of its sector"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return (c(T) - c(a)) / (T cos(T / 2)), with T half the width and a the angle from the sector's middle."""
         half = self.width / 2

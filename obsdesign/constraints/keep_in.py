@@ -44,6 +44,11 @@ class KeepIn(AbstractConstraint):
         """2 area / perimeter of the polygon [m]."""
         return polygon_size(self.corners), LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "leaves the keep-in polygon"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return (b_i - n_i . position) / size for every edge i."""
         return polygon_margins(moment, self.corners)

@@ -48,6 +48,11 @@ class KeepOut(AbstractConstraint):
         """The radius [m]."""
         return self.radius, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "enters a keep-out circle"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return |position - centre| / radius - 1, rounded at the centre."""
         return [outside_disc(moment, self.centre, self.radius)]

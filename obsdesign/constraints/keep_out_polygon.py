@@ -52,6 +52,11 @@ class KeepOutPolygon(AbstractConstraint):
         """2 area / perimeter of the polygon [m], not widened."""
         return polygon_size(self.corners), LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "enters a keep-out polygon"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return (e log(sum_i exp(s_i / e)) - e log m) / size, a smooth maximum of the distances s_i of the m edges' lines."""
         return [outside_polygon(moment, self.corners)]

@@ -55,6 +55,11 @@ class Loiter(AbstractConstraint):
         """The radius [m]."""
         return self.radius, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "leaves the place to loiter"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return 1 - |position - centre| / radius, rounded at the centre."""
         return [-outside_disc(moment, self.centre, self.radius)]

@@ -48,6 +48,11 @@ class MaxRange(AbstractConstraint):
         """The largest distance [m]."""
         return self.distance, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "goes too far from a beacon"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return 1 - |position - landmark| / distance for every landmark, rounded at it."""
         points = moment.landmarks if self.landmarks is None else self.landmarks

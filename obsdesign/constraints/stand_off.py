@@ -48,6 +48,11 @@ class StandOff(AbstractConstraint):
         """The smallest distance [m]."""
         return self.distance, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "comes too near a beacon"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return |position - landmark| / distance - 1 for every landmark, rounded at it."""
         points = moment.landmarks if self.landmarks is None else self.landmarks

@@ -56,6 +56,11 @@ class Via(AbstractConstraint):
         """The tolerance [m]."""
         return self.tolerance, LENGTH
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "misses a via point"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         """Return 1 - |position - point| / tolerance, rounded at the point."""
         return [-outside_disc(moment, self.point, self.tolerance)]

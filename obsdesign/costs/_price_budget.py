@@ -28,6 +28,14 @@ class Budget:
         require_positive("budget: at_most", self.at_most)
         object.__setattr__(self, "at_most", float(self.at_most))
 
+    def __str__(self) -> str:
+        return f"{self.cost} at most {self.at_most:g} {self.cost.unit}".rstrip()
+
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return f"exceeds the budget of {self.cost}"
+
 
 @validate_arguments
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -81,6 +82,15 @@ class FinePath:
         """The most that each margin changes by over an interval (r,)."""
         begin, end = self.ends
         return np.abs(end - begin).max(axis=0)
+
+    def minima_of(self, constraint_index: int, span: Span) -> list[MarginMinimum]:
+        """Return the local minima of a constraint's margins within its span, least first; of what must hold once, the best instant."""
+        margin_indices = np.flatnonzero(self.owner == constraint_index)
+        if not len(margin_indices):
+            return []
+        if span.anywhere:
+            return [self.best_instant(margin_indices, span)]
+        return sorted(self.minima(margin_indices, span), key=attrgetter("value"))
 
     def minima(self, margin_indices: np.ndarray, span: Span) -> list[MarginMinimum]:
         """Return the local minima of each of the margins `margin_indices` that are near 0 or below within a span.

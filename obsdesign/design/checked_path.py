@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from obsdesign.design.feasibility import Violation, violations
+from obsdesign.design.feasibility import violations
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.violation import Violation
 from obsdesign.trajectory import Trajectory
 
 

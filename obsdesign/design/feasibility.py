@@ -7,21 +7,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.between_nodes import MarginMinimum, fine_path
+from obsdesign.design.between_nodes import fine_path
 from obsdesign.design.nlp.constraint_rows import initial_rows, node_margins, nodes_between, tighten, time_window
 from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.path_costs import total_costs
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.violation import InputBound, InputRate, Violation, ViolationKind
+from obsdesign.dynamics.model import Model
 from obsdesign.information.windows import sliding_information
 from obsdesign.trajectory import Trajectory
 
 # rows are part of what this module is asked for
 __all__ = (
     "MARGIN_TOLERANCE",
-    "Violation",
+    "LeastMargin",
     "fine_path",
     "initial_rows",
     "is_feasible",
+    "least_margins_at_nodes",
     "node_margins",
     "nodes_within",
     "tighten",
@@ -32,22 +35,20 @@ MARGIN_TOLERANCE = 1e-6  # by how much a margin, of order 1, may fall short
 
 
 @dataclass(frozen=True)
-class Violation:
-    """One limit that a path breaks."""
+class LeastMargin:
+    """Where a constraint is nearest to being broken, or broken most."""
 
-    what: str
-    """The limit in words."""
+    constraint: AbstractConstraint
+    """The constraint."""
     time: float
-    """When it is broken most [s]."""
-    by: float
-    """By how much, in `unit`."""
-    unit: str
-    """Unit of `by`."""
-    margin: float
-    """The constraint's own margin there: < 0, of order 1."""
+    """When that is [s]."""
+    value: float
+    """The margin there, of order 1; < 0 where it is broken, inf where the constraint limits nothing."""
 
-    def __str__(self) -> str:
-        return f"{self.what}: missed by {self.by:.3g}{' ' * bool(self.unit)}{self.unit} at {self.time:.4g} s"
+    def violation(self, kind: ViolationKind = ViolationKind.CONSTRAINT) -> Violation:
+        """Return the same as something that a path breaks."""
+        size, unit = self.constraint.size
+        return Violation(self.constraint, kind, self.time, float(-self.value * size), unit, self.value)
 
 
 def nodes_within(constraint: AbstractConstraint, steps: int, step: float) -> np.ndarray:
@@ -74,24 +75,32 @@ def is_feasible(problem: DesignProblem, path: Trajectory) -> bool:
     return not violations(problem, path)
 
 
+def least_margins_at_nodes(
+    model: Model, constraints: tuple[AbstractConstraint, ...], x: np.ndarray, u: np.ndarray, step: float
+) -> tuple[LeastMargin, ...]:
+    """Return where each constraint is nearest to being broken at the nodes x (N+1, n) of its span, inputs u (N, m) held between them."""
+    if not constraints:
+        return ()
+    functions = node_functions_of(model, constraints)
+    values = functions.least(functions.values(x, np.vstack([u, u[-1:]])))
+    least = []
+    for i, constraint in enumerate(constraints):
+        within = nodes_within(constraint, len(u), step)
+        inside = values[within, i]
+        k = int(within[inside.argmax() if constraint.span.anywhere else inside.argmin()])
+        least.append(LeastMargin(constraint, k * step, float(values[k, i])))
+    return tuple(least)
+
+
 @np.errstate(invalid="ignore", over="ignore")  # a path may be absurd: what is no number is no margin
 def _constraint_violations(problem: DesignProblem, path: Trajectory) -> list[Violation]:
     if not node_functions_of(problem.system.model, problem.constraints).owner:  # limits may limit nothing
         return []
-    path_margins, broken = fine_path(problem, path), []
+    fine, broken = fine_path(problem, path), []
     for i, constraint in enumerate(problem.constraints):
-        margin_indices = np.flatnonzero(path_margins.owner == i)
-        if not len(margin_indices):
-            continue
-        span = constraint.span
-        worst = (
-            path_margins.best_instant(margin_indices, span)
-            if span.anywhere
-            else min(path_margins.minima(margin_indices, span), key=_value, default=None)
-        )
-        if worst is not None and not worst.value >= -MARGIN_TOLERANCE:
-            size, unit = constraint.size
-            broken.append(Violation(str(constraint), worst.time, float(-worst.value * size), unit, worst.value))
+        minima = fine.minima_of(i, constraint.span)
+        if minima and not minima[0].value >= -MARGIN_TOLERANCE:
+            broken.append(LeastMargin(constraint, minima[0].time, minima[0].value).violation())
     return broken
 
 
@@ -102,8 +111,8 @@ def _input_violations(problem: DesignProblem, path: Trajectory) -> list[Violatio
         excess = np.maximum(u - problem.upper[j], problem.lower[j] - u)
         k = int(excess.argmax())
         if excess[k] > MARGIN_TOLERANCE * width:
-            limits = f"{signal.name} within {problem.lower[j]:g} to {problem.upper[j]:g} {signal.unit}"
-            broken.append(Violation(limits, float(path.t[k]), float(excess[k]), signal.unit, float(-excess[k] / width)))
+            bound, time = InputBound(signal, float(problem.lower[j]), float(problem.upper[j])), float(path.t[k])
+            broken.append(Violation(bound, ViolationKind.INPUT_BOUND, time, float(excess[k]), signal.unit, float(-excess[k] / width)))
     return broken
 
 
@@ -115,10 +124,10 @@ def _rate_violations(problem: DesignProblem, path: Trajectory) -> list[Violation
         return []
     of_family = _family_rates(problem, path.u)
     for j in np.flatnonzero(np.minimum(step_rates.max(axis=0), of_family) > limits * (1 + MARGIN_TOLERANCE)):
-        signal, limit, k = problem.system.model.inputs[j], limits[j], int(step_rates[:, j].argmax())
-        rate, unit = float(min(step_rates[k, j], of_family[j])), f"{signal.unit}/s"
-        what = f"{signal.name} changing by at most {limit:g} {unit}"
-        broken.append(Violation(what, float(path.t[k + 1]), float(rate - limit), unit, float(1 - rate / limit)))
+        limit, k = InputRate(problem.system.model.inputs[j], float(limits[j])), int(step_rates[:, j].argmax())
+        rate, time = float(min(step_rates[k, j], of_family[j])), float(path.t[k + 1])
+        margin = float(1 - rate / limit.at_most)
+        broken.append(Violation(limit, ViolationKind.INPUT_RATE, time, float(rate - limit.at_most), limit.unit, margin))
     return broken
 
 
@@ -139,8 +148,8 @@ def _budget_violations(problem: DesignProblem, path: Trajectory) -> list[Violati
     for budget, total in zip(problem.budgets, total_costs(problem.system, path, [budget.cost for budget in problem.budgets]), strict=True):
         margin = 1 - total / budget.at_most
         if margin < -MARGIN_TOLERANCE:
-            what = f"{budget.cost} at most {budget.at_most:g} {budget.cost.unit}".rstrip()
-            broken.append(Violation(what, float(path.t[-1]), float(total - budget.at_most), budget.cost.unit, float(margin)))
+            excess, time = float(total - budget.at_most), float(path.t[-1])
+            broken.append(Violation(budget, ViolationKind.BUDGET, time, excess, budget.cost.unit, float(margin)))
     return broken
 
 
@@ -156,9 +165,4 @@ def _floor_violations(problem: DesignProblem, path: Trajectory) -> list[Violatio
     margin = float(lowest[k] / floor.value - 1)
     if margin >= -MARGIN_TOLERANCE:
         return []
-    what = f"Floor: lambda_min of every {floor.seconds:g} s at least {floor.value:g}"
-    return [Violation(what, float(path.t[k]), float(floor.value - lowest[k]), "", margin)]
-
-
-def _value(minimum: MarginMinimum) -> float:
-    return minimum.value
+    return [Violation(floor, ViolationKind.FLOOR, float(path.t[k]), float(floor.value - lowest[k]), "", margin)]

@@ -117,8 +117,7 @@ def _violation_table(problem: DesignProblem, parameters: np.ndarray) -> np.ndarr
     costs = tuple(budget.cost for budget in problem.budgets)
     if not constraints and not costs:
         return np.zeros((len(parameters), 1))
-    functions, owner = node_functions_of(problem.system.model, constraints, costs, (problem.step, problem.substeps)), None
-    owner, batches = np.array(functions.owner), []
+    functions, batches = node_functions_of(problem.system.model, constraints, costs, (problem.step, problem.substeps)), []
     size = max(1, _MAX_STATES // (grid.steps + 1))
     for first in range(0, len(parameters), size):
         u = np.array([problem.inputs_of(p) for p in parameters[first : first + size]])
@@ -126,17 +125,20 @@ def _violation_table(problem: DesignProblem, parameters: np.ndarray) -> np.ndarr
         ends = np.concatenate([u, u[:, -1:]], axis=1)
         values = functions.values(x.reshape(-1, x.shape[2]), ends.reshape(-1, ends.shape[2])).reshape(*x.shape[:2], -1)
         batches.append(
-            np.column_stack([*_constraint_columns(problem, values, owner), *_budget_columns(problem, values, functions.margin_count)])
+            np.column_stack(
+                [*_constraint_columns(problem, functions.least(values)), *_budget_columns(problem, values, functions.margin_count)]
+            )
         )
     return np.nan_to_num(np.vstack(batches), nan=np.inf, posinf=1e300)
 
 
-def _constraint_columns(problem: DesignProblem, values: np.ndarray, owner: np.ndarray) -> list[np.ndarray]:
-    t, columns = np.arange(values.shape[1]) * problem.step, []
+def _constraint_columns(problem: DesignProblem, least_margins: np.ndarray) -> list[np.ndarray]:
+    """By how much paths miss each constraint (R,), of its least margins at their nodes (R, N+1, c)."""
+    t, columns = np.arange(least_margins.shape[1]) * problem.step, []
     for i, constraint in enumerate(problem.constraints):
         first, last = time_window(constraint, t[-1])
         in_window = (t >= first - 0.5 * problem.step) & (t <= last + 0.5 * problem.step)
-        lowest_margin = values[:, in_window][:, :, owner == i].min(axis=2, initial=np.inf)
+        lowest_margin = least_margins[:, in_window, i]
         columns.append(np.maximum(0.0, -(lowest_margin.max(axis=1) if constraint.span.anywhere else lowest_margin.min(axis=1))))
     return columns
 

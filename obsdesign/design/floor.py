@@ -24,3 +24,11 @@ class Floor:
     def __post_init__(self) -> None:
         require_positive("floor: seconds", self.seconds)
         require_positive("floor: value", self.value)
+
+    def __str__(self) -> str:
+        return f"Floor: lambda_min of every {self.seconds:g} s at least {self.value:g}"
+
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return "sees too little for a while, falling short"

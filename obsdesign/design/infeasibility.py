@@ -13,11 +13,12 @@ from obsdesign.constraints.goal_pose import GoalPose
 from obsdesign.constraints.via import Via
 from obsdesign.costs.path_length import PathLength
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
-from obsdesign.design.feasibility import Violation, is_feasible, violations
+from obsdesign.design.feasibility import is_feasible, violations
 from obsdesign.design.feasible_search import FeasibilitySearch, search_feasible_path
 from obsdesign.design.initial_guesses import shortest_inputs, shortest_time
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.upper_bound import cap_of
+from obsdesign.design.violation import Violation
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 
 # durations and bounds so many times what is asked are tried as a relaxation, from so many starts each
@@ -120,8 +121,7 @@ def why_hidden(problem: DesignProblem) -> str:
     if cap is None or cap.value >= floor.value * (1 - _ROUNDING):
         return ""
     names = ", ".join(cap.states)
-    what = f"Floor: lambda_min of every {floor.seconds:g} s at least {floor.value:g}"
-    return f"{what}: no path gets beyond {cap.value:.4g}, which is known of {names} on all of them"
+    return f"{floor}: no path gets beyond {cap.value:.4g}, which is known of {names} on all of them"
 
 
 # ---------------------------------------------------------------- after

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.feasibility import Violation
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.violation import Violation
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.information.blocks import Information
 from obsdesign.status import Status

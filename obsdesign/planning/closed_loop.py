@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import require_count, require_positive, whole_multiple
-from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.nlp.node_functions import node_functions_of
+from obsdesign.constraints.abstract import ALWAYS
+from obsdesign.design.feasibility import least_margins_at_nodes
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
@@ -241,12 +241,7 @@ def _summarise(simulation: _Simulation, truth: np.ndarray, beliefs: list[Belief]
 
 
 def _least_margin(problem: DesignProblem, truth: np.ndarray, u: np.ndarray) -> float:
-    """The least margin at the nodes of the truth, of limits that hold at all times."""
-    always: tuple[AbstractConstraint, ...] = tuple(
-        constraint
-        for constraint in problem.constraints
-        if constraint.span.first == 0.0 and constraint.span.last is None and not constraint.span.anywhere
-    )
-    if not always:
-        return float("inf")
-    return float(node_functions_of(problem.system.model, always).values(truth, np.vstack([u, u[-1:]])).min(initial=np.inf))
+    """The least margin at the nodes of the truth, of limits that hold at all times; inf without any."""
+    always = tuple(constraint for constraint in problem.constraints if constraint.span == ALWAYS)
+    least_margins = least_margins_at_nodes(problem.system.model, always, truth, u, problem.step)
+    return min((least.value for least in least_margins), default=float("inf"))

@@ -15,10 +15,11 @@ from obsdesign.constraints.abstract import Span
 from obsdesign.costs._price_budget import Budget
 from obsdesign.criteria.posterior import Posterior
 from obsdesign.design.checked_path import CheckedPath
-from obsdesign.design.feasibility import MARGIN_TOLERANCE, Violation, fine_path
+from obsdesign.design.feasibility import MARGIN_TOLERANCE, LeastMargin, fine_path
 from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.design.path_costs import total_costs
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.violation import Violation, ViolationKind
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.planning.plan import Memory, Plan
 from obsdesign.planning.shifted_path import ShiftedConstraint, ShiftedPath, remaining_indices, shift_constraint
@@ -121,15 +122,13 @@ class MovingHorizon:
             return (), np.zeros(0), ()
         functions = node_functions_of(self.problem.system.model, tuple(constraints))
         margins, owner = functions.values(path.x, np.vstack([path.u, path.u[-1:]])), np.array(functions.owner)
-        for i, constraint in enumerate(constraints):
-            lowest = margins[:, owner == i].min(axis=1, initial=inf)
+        for i, (constraint, lowest) in enumerate(zip(list(constraints), functions.least(margins).T, strict=True)):
             if constraint.shifted_span.anywhere or constraint.shifted_span.first != 0.0:
                 margins[0, owner == i] = inf
                 continue
             if lowest[0] >= 0:
                 continue
-            size, unit = constraint.size
-            violated.append(Violation(str(constraint), 0.0, float(-lowest[0] * size), unit, float(lowest[0])))
+            violated.append(LeastMargin(constraint.constraint, 0.0, float(lowest[0])).violation(ViolationKind.START))
             first, last = (int(np.argmax(lowest >= 0)) or path.steps) * self.problem.step, constraint.shifted_span.last
             constraints[i] = replace(constraint, shifted_span=Span(first, last if last is None else max(first, last)))
         return tuple(constraints), margins[0], tuple(violated)
@@ -166,14 +165,11 @@ class MovingHorizon:
         part = path.part(0, steps_flown)
         total_spent = np.array(memory.spent) + total_costs(problem.system, part, [budget.cost for budget in problem.budgets])
         path_margins, met = fine_path(problem, part), set(memory.met)
-        t, owner = memory.elapsed_steps * problem.step + path_margins.t, np.array(path_margins.nodes.owner)
+        t, least = memory.elapsed_steps * problem.step + path_margins.t, path_margins.nodes.least(path_margins.margins)
         for i, constraint in enumerate(problem.constraints):
             first, last = (problem.longest if time is None else time for time in (constraint.span.first, constraint.span.last))
             in_window = (t >= first - 1e-9) & (t <= last + 1e-9)
-            if (
-                constraint.span.anywhere
-                and (path_margins.margins[np.ix_(in_window, owner == i)].min(axis=1, initial=inf) >= -MARGIN_TOLERANCE).any()
-            ):
+            if constraint.span.anywhere and (least[in_window, i] >= -MARGIN_TOLERANCE).any():
                 met.add(i)
         return frozenset(met), tuple(total_spent.tolist())
 

@@ -28,17 +28,26 @@ class ShiftedConstraint(AbstractConstraint):
 
     @property
     def span(self) -> Span:
+        """What is left of its span."""
         return self.shifted_span
 
     @property
     def states(self) -> tuple[str, ...]:
+        """Those of the constraint."""
         return self.constraint.states
 
     @property
     def size(self) -> tuple[float, str]:
+        """That of the constraint."""
         return self.constraint.size
 
+    @property
+    def breach(self) -> str:
+        """What a path does that breaks it."""
+        return self.constraint.breach
+
     def margins(self, moment: Moment) -> list[Coordinate]:
+        """Return those of the constraint."""
         return self.constraint.margins(moment)
 
 
@@ -64,22 +73,27 @@ class ShiftedPath(AbstractPath):
     fixed_parameters: tuple[float, ...] = ()
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower and upper bounds (q,) of the parameters that are free."""
         is_free = self.free_mask(grid)
         lower, upper = self.family.box(self._family_grid(grid))
         return lower[is_free], upper[is_free]
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
+        """Return the inputs (N, m) from step `shift` of the family on."""
         family_inputs = self.family.inputs(self.all_parameters(p, grid), self._family_grid(grid))
         return family_inputs[remaining_indices(self.family_steps, self.shift, grid.steps).tolist(), :]
 
     def fit(self, u: np.ndarray, grid: Grid) -> np.ndarray:
+        """Return the free parameters (q,) of inputs u (N, m), the first of which are taken for those flown before."""
         extended = np.vstack([np.repeat(u[:1], self.shift, axis=0), u])[: self.family_steps]
         return self.family.fit(extended, self._family_grid(grid))[self.free_mask(grid)]
 
-    def coarser(self) -> None:
+    def coarser(self) -> AbstractPath | None:
+        """Return None: what has been flown is of this family."""
         return None
 
     def rates(self, p: ca.SX, grid: Grid) -> ca.SX:
+        """Return the rates of change of the whole family."""
         return self.family.rates(self.all_parameters(p, grid), self._family_grid(grid))
 
     def free_mask(self, grid: Grid) -> np.ndarray:

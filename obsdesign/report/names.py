@@ -5,29 +5,12 @@ from __future__ import annotations
 import re
 
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.feasibility import Violation
+from obsdesign.design.violation import Violation
 from obsdesign.report.number_format import NARROW, display_unit, numeral, percent
 from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
 from obsdesign.signals import Signal
 from obsdesign.study.record import Study
 
-# what a path does that breaks a limit, by the limit's name as messages call it
-_VIOLATION_TEXTS = {
-    "Goal": "misses the goal",
-    "GoalPose": "misses the goal pose",
-    "GoalRegion": "misses the goal region",
-    "Via": "misses a via point",
-    "Loiter": "leaves the place to loiter",
-    "KeepOut": "enters a keep-out circle",
-    "KeepOutPolygon": "enters a keep-out polygon",
-    "KeepIn": "leaves the keep-in polygon",
-    "StandOff": "comes too near a beacon",
-    "MaxRange": "goes too far from a beacon",
-    "CircleClearance": "stays too near the beacons' circle",
-    "GroundSpeed": "is too slow or too fast",
-    "HeadingSector": "heads out of its sector",
-    "Floor": "sees too little for a while, falling short",
-}
 _MAX_NAMED = 3  # limits that are named
 
 
@@ -66,10 +49,9 @@ def gap_formula(study: Study) -> str:
 
 def violation_in_words(violation: Violation) -> str:
     """Return what is wrong with a path and by how much: misses the goal by 3.2 m."""
-    name = violation.what.split(":")[0]
     factor, unit = display_unit(Signal("", violation.unit))
     amount = f"{numeral(violation.by * factor)}{NARROW}{unit}".rstrip(NARROW)
-    return f"{_VIOLATION_TEXTS.get(name) or _exceeds(name)} by {amount}"
+    return f"{violation.constraint.breach} by {amount}"
 
 
 def violations_in_words(violations: tuple[Violation, ...]) -> str:
@@ -82,9 +64,3 @@ def violations_in_words(violations: tuple[Violation, ...]) -> str:
 def kind_of(constraint: AbstractConstraint) -> str:
     """Return what a map's legend calls a constraint: keep out, stand off."""
     return re.sub(r"(?<!^)(?=[A-Z])", " ", type(constraint).__name__).lower()
-
-
-def _exceeds(name: str) -> str:
-    """Of a bound on an input, "turn_rate within ...", or a budget, "path length at most ..."."""
-    signal, within, _ = name.partition(" within ")
-    return f"leaves the bounds of {signal.replace('_', ' ')}" if within else f"exceeds the budget of {name.partition(' at most ')[0]}"

@@ -11,8 +11,8 @@ from statistics import median
 import numpy as np
 
 import obsdesign
-from obsdesign.design.feasibility import Violation
 from obsdesign.design.record import Design, Evidence, Start
+from obsdesign.design.violation import Violation
 from obsdesign.estimation.validation import Validation
 from obsdesign.information.contribution_shares import Contributions
 from obsdesign.planning.closed_loop import Flight

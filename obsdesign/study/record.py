@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.analysis.verdict import Verdict
-from obsdesign.design.feasibility import Violation
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
+from obsdesign.design.violation import Violation
 from obsdesign.design.weave import Weave
 from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.estimation.validation import Validation

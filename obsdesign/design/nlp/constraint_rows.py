@@ -160,15 +160,7 @@ def _margin_minima(problem: DesignProblem, path: Trajectory) -> list[MarginMinim
         return []
     fine, minima = fine_path(problem, path), []
     for i, constraint in enumerate(problem.constraints):
-        margin_indices = np.flatnonzero(fine.owner == i)
-        if not len(margin_indices):
-            continue
-        if constraint.span.anywhere:
-            minima.append(fine.best_instant(margin_indices, constraint.span))
-        else:
-            minima += sorted(fine.minima(margin_indices, constraint.span), key=lambda minimum: minimum.value)[
-                : _MAX_INSTANTS * len(margin_indices)
-            ]
+        minima += fine.minima_of(i, constraint.span)[: _MAX_INSTANTS * np.count_nonzero(fine.owner == i)]
     return minima
 
 

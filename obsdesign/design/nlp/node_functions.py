@@ -29,12 +29,19 @@ class NodeFunctions:
     gradient_scan: Scan
     hessian_scan: Scan
     owner: tuple[int, ...]
+    constraint_count: int
     margin_count: int
     of_inputs: tuple[bool, ...]
 
     def values(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return (K, r) at K nodes x (K, n), u (K, m)."""
         return self.value_scan.run(_NOTHING, [x, u], len(x), carries=False).results[0][0]
+
+    def least(self, values: np.ndarray) -> np.ndarray:
+        """Return the least margin of each constraint (..., c) of values (..., r); inf of one that limits nothing."""
+        owner = np.array(self.owner, dtype=int)
+        columns = [values[..., owner == i].min(axis=-1, initial=np.inf) for i in range(self.constraint_count)]
+        return np.stack(columns, axis=-1) if columns else np.empty((*values.shape[:-1], 0))
 
     def gradients(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return derivatives (K, r, n + m) to (x, u)."""
@@ -68,6 +75,7 @@ def node_functions_of(
         gradient_scan=Scan(empty, rows, empty, [ca.vec(ca.densify(ca.jacobian(functions, variables)).T)]),
         hessian_scan=Scan(empty, [*rows, weights], empty, [ca.densify(g), pack(ca.densify(H))]),
         owner=owner,
+        constraint_count=len(constraints),
         margin_count=sum(i < len(constraints) for i in owner),
         of_inputs=tuple(bool(ca.depends_on(value, model.u)) for value in ca.vertsplit(functions))
         if owner and model.inputs

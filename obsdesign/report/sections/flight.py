@@ -8,8 +8,8 @@ import numpy as np
 
 from obsdesign.calculus import wrap_columns
 from obsdesign.constraints.abstract import ALWAYS, AT_END, AbstractConstraint
-from obsdesign.design.feasibility import Violation, nodes_within
-from obsdesign.design.nlp.node_functions import node_functions_of
+from obsdesign.design.feasibility import LeastMargin, least_margins_at_nodes
+from obsdesign.design.violation import Violation
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.names import violations_in_words
@@ -27,32 +27,19 @@ def flight_violations(study: Study, flight: Flight) -> tuple[Violation, ...]:
 
     Judged at the instants of the flight alone: between them disturbances move the truth, of which no states are kept.
     """
-    return tuple(
-        sorted(
-            (violation for violation in _worst_violations(study, flight) if violation.margin < 0), key=lambda violation: violation.margin
-        )
-    )
+    broken = [least.violation() for least in _least_margins(study, flight) if least.value < 0]
+    return tuple(sorted(broken, key=lambda violation: violation.margin))
 
 
 def smallest_margin(study: Study, flight: Flight) -> float:
     """Return the least margin of these limits, of order 1; inf without any."""
-    return min((violation.margin for violation in _worst_violations(study, flight)), default=np.inf)
+    return min((least.value for least in _least_margins(study, flight)), default=np.inf)
 
 
-def _worst_violations(study: Study, flight: Flight) -> list[Violation]:
+def _least_margins(study: Study, flight: Flight) -> tuple[LeastMargin, ...]:
     """Where each limit that counts is nearest to being broken."""
     limits = tuple(constraint for constraint in study.scenario.design.constraints if _is_checked(study, constraint))
-    if not limits:
-        return []
-    functions = node_functions_of(study.problem.system.model, limits)
-    values, owner = functions.values(flight.truth, np.vstack([flight.u, flight.u[-1:]])), np.array(functions.owner)
-    violations = []
-    for i, limit in enumerate(limits):
-        lowest, within = values[:, owner == i].min(axis=1), nodes_within(limit, len(flight.u), study.scenario.time.step)
-        k = int(within[lowest[within].argmax() if limit.span.anywhere else lowest[within].argmin()])
-        size, unit = limit.size
-        violations.append(Violation(str(limit), float(flight.t[k]), float(-lowest[k] * size), unit, float(lowest[k])))
-    return violations
+    return least_margins_at_nodes(study.problem.system.model, limits, flight.truth, flight.u, study.scenario.time.step)
 
 
 def _is_checked(study: Study, limit: AbstractConstraint) -> bool:

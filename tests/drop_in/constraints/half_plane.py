@@ -32,6 +32,10 @@ class HalfPlane(AbstractConstraint):
     def size(self) -> tuple[float, str]:
         return (5.0, "m")
 
+    @property
+    def breach(self) -> str:
+        return "crosses the line"
+
     def margins(self, moment: Moment) -> list[Coordinate]:
         along = self.normal[0] * moment.state["x"] + self.normal[1] * moment.state["y"]
         return [(self.reach - along) / self.size[0]]
