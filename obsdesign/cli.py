@@ -98,6 +98,7 @@ def _verb(
 
 def _whole_number_type(minimum: int) -> Callable[[str], int]:
     def whole_number(text: str) -> int:
+        """Return the number, or raise ArgumentTypeError."""
         if not text.isdecimal() or int(text) < minimum:
             raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {minimum}")
         return int(text)

@@ -154,6 +154,7 @@ class Experiments:
         n_eliminated = self.n_eliminated if n_eliminated is None else n_eliminated
 
         def rows_up_to_order() -> list[list[arb]]:
+            """Return the rows of the derivatives up to an order."""
             all_rows = self.rows()
             return [all_rows[i] for i in row_indices]
 

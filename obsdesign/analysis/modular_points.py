@@ -52,6 +52,7 @@ def _first_root_missing(steps: Sequence[Instruction], arguments: Sequence[Sequen
     passed: list[Instruction] = []
 
     def record_steps() -> Iterator[Instruction]:
+        """Yield the steps, and keep those that were begun."""
         for step in steps:
             passed.append(step)
             yield step

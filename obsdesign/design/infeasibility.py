@@ -158,6 +158,7 @@ def _wider_bounds(problem: DesignProblem, u: np.ndarray, seed: int) -> _Constrai
     """Say by how much which input would have to exceed its bounds, and when; "" if that does not help."""
 
     def with_bounds(factor: float) -> DesignProblem:
+        """Return the problem with the bounds widened by a factor."""
         centre, half = (problem.lower + problem.upper) / 2, factor * (problem.upper - problem.lower) / 2
         names = problem.system.model.input_names
         wider = {name: (float(c - h), float(c + h)) for name, c, h in zip(names, centre, half, strict=True)}
@@ -186,6 +187,7 @@ def _longer_duration(problem: DesignProblem, u: np.ndarray, seed: int) -> _Const
         return _ConstraintRelaxation()
 
     def with_duration(factor: float) -> DesignProblem:
+        """Return the problem with the duration longer by a factor."""
         return problem.with_duration(max(1, round(factor * problem.longest / problem.step)) * problem.step)
 
     soonest = shortest_time(problem)

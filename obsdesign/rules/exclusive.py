@@ -35,6 +35,7 @@ class Exclusive(AbstractRule):
         group = segments.sensors(self, self.sensors)
 
         def admissible(patterns: np.ndarray) -> np.ndarray:
+            """Return which patterns (P,) have at most one of the sensors on."""
             return patterns[:, list(group)].sum(axis=1) <= 1
 
         return Terms(sensors=group, admissible=admissible)

@@ -39,6 +39,7 @@ class Requires(AbstractRule):
         sensor, required = segments.sensor(self, self.sensor), segments.sensor(self, self.other)
 
         def admissible(patterns: np.ndarray) -> np.ndarray:
+            """Return which patterns (P,) have the required sensor on wherever the sensor is."""
             return patterns[:, required] | ~patterns[:, sensor]
 
         return Terms(sensors=(sensor, required), admissible=admissible)

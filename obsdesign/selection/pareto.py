@@ -113,6 +113,7 @@ def pareto(
     options = SelectionOptions("auto", gap, None, seed, _MAX_BATCHES)
 
     def with_limit(limit: float) -> SelectionProblem:
+        """Return the problem with another limit."""
         all_rules = (replace(budget, limit=limit), *rules)
         return build_problem(array, per_segment, all_rules, criterion or MinEigenvalue(), 0, segments, known_information=known, about=about)
 

@@ -170,12 +170,14 @@ def _relaxation(
     accuracy = min(max(0.1 * options.gap, 1e-9), 1e-8)  # what it leaves open, no rounding makes good
 
     def by_columns() -> RelaxedSolution | None:
+        """Solve by column generation, or along the central path where states are many."""
         if instance.n >= _MANY_STATES and is_applicable(instance):
             centre = follow_central_path(instance, max(accuracy, _CENTRAL_PATH_GAP))
             return uniform_mixture(instance, centre.shares, centre.dual)
         return solve_relaxation(instance, accuracy, initial_duals)
 
     def by_cvxpy() -> RelaxedSolution | None:
+        """Solve in one piece."""
         from obsdesign.selection.relaxation.cvxpy_relaxation import solve_with_cvxpy  # CVXPY takes a second to load
 
         return solve_with_cvxpy(instance, options.time_limit)

@@ -146,6 +146,7 @@ def _generate_duals(instance: SelectionProblem, batch: _NodeBatch) -> tuple[_Nod
     sums, state = batch.sums[index], int(batch.state[index])
 
     def oracle(dual: Dual) -> tuple[float, Column]:
+        """Return the bound of a dual over what is undecided, and the column that attains it."""
         y = price_vector(dual)
         steps, added = batch.remaining.best_path(y, state)
         total = sums + added

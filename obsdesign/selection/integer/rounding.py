@@ -97,6 +97,7 @@ def _restrict(
     m = len(instance.resources)
 
     def oracle(dual: Dual) -> tuple[float, Column]:
+        """Return the bound of a dual over what is undecided, and the column that attains it."""
         y = price_vector(dual)
         steps, adds = reduced.best_path(y, 0)
         total = base + adds
