@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -13,9 +14,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import obsdesign as od
+from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import substeps_along
-from obsdesign.dynamics.step import step_of
-from obsdesign.information.gramian import transition_matrices
+from obsdesign.dynamics.step import Step, looped_step, step_of
+from obsdesign.information.gramian import sensitivity_scan, transition_matrices
 
 
 def free(drift: Callable[[ca.SX], ca.SX], n: int, output: int = 0) -> od.ControlAffineSystem:
@@ -313,3 +315,59 @@ def test_a_tolerance_is_a_number_between_0_and_1(tolerance: object):
     system = free(lambda x: -x, 1)
     with pytest.raises(od.InputError, match="tolerance is"):
         od.simulate(system, [1.0], np.zeros((5, 0)), 1.0, tolerance=tolerance)  # pyright: ignore
+
+
+# ---------------------------------------------------------------- sub-steps as a loop
+
+
+def windy(wind: Literal["constant", "unknown"] | None = "unknown") -> od.System:
+    return od.System(od.Dubins(10.0, wind=wind), (od.GPS(2.0), od.Range((50.0, 90.0), 1.0)))
+
+
+def values_scan(step: Step) -> Scan:
+    """x_next, F and B_w at rows x, (u, w)."""
+    results = [step.x_next, *(ca.vec(ca.densify(matrix)) for matrix in (step.F, step.B_w))]
+    return Scan(ca.SX(0, 1), [step.x, step.all_inputs], ca.SX(0, 1), results, loop=step.loop)
+
+
+def values_of(step: Step, seed: int = 0) -> list[np.ndarray]:
+    random = np.random.default_rng(seed)
+    rows = [random.normal(size=(20, symbol.numel())) for symbol in (step.x, step.all_inputs)]
+    return list(values_scan(step).run(np.empty((1, 0)), rows, 20).results)
+
+
+@pytest.mark.parametrize("wind", [None, "constant", "unknown"])
+@pytest.mark.parametrize("substeps", [1, 2, 3, 24, 100])
+def test_a_loop_of_substeps_is_the_chain_of_them(wind: Literal["constant", "unknown"] | None, substeps: int):
+    """x_m = f(... f(x_0)), F = F_m ... F_1 and B_w the same, whether one graph has them all or a loop repeats one."""
+    model = windy(wind).model
+    for chained, looped in zip(values_of(step_of(model, 0.7, substeps)), values_of(looped_step(model, 0.7, substeps)), strict=True):
+        np.testing.assert_allclose(looped, chained, rtol=1e-12, atol=1e-13)
+
+
+def test_a_loop_starts_where_it_is_told_and_without_what_is_unknown():
+    """f(2 x, u, 0), by a substitution in the chain and in the loop."""
+    model = windy().model
+    chained, looped = (step.without_disturbance().starting_at(2 * step.x) for step in (step_of(model, 0.7, 4), looped_step(model, 0.7, 4)))
+    for expected, found in zip(values_of(chained), values_of(looped), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_machine_code_of_a_loop_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch):
+    step = looped_step(windy().model, 0.7, 6)
+    monkeypatch.setenv("OBSDESIGN_COMPILE", "0")
+    slow = values_of(step)
+    monkeypatch.setenv("OBSDESIGN_COMPILE", "1")
+    for machine, virtual in zip(values_of(step), slow, strict=True):
+        np.testing.assert_array_equal(machine, virtual)
+
+
+def test_substeps_cost_no_more_than_as_many_steps():
+    """Operations are a + b m, with b no more than one step takes: its blocks are needed once."""
+    model = windy("constant").model
+    one, two, fifty = (sensitivity_scan(model, 0.7, True, substeps).instructions for substeps in (1, 2, 50))
+    assert fifty == two + 48 * ((fifty - two) // 48)
+    assert fifty <= 50 * one
+    step = looped_step(model, 0.7, 50)
+    states = Scan(step.x, [step.u, step.w], step.x_next, loop=step.loop)
+    assert states.instructions < values_scan(step).instructions - 100  # nobody asks for Phi

@@ -14,6 +14,7 @@ import numpy as np
 
 from obsdesign.common_subexpressions import without_repeats
 from obsdesign.dynamics import native_code as native
+from obsdesign.dynamics.inner_loop import InnerLoop, function_with_loop
 from obsdesign.errors import InputError
 
 _STEPS_BEFORE_LOAD = 2_000  # steps after which the cache folder is asked for machine code
@@ -107,13 +108,26 @@ class Scan:
     """
 
     def __init__(
-        self, carry: ca.SX, rows: Sequence[ca.SX], carry_next: ca.SX, results: Sequence[ca.SX | ExpandedColumn] = (), share: bool = True
+        self,
+        carry: ca.SX,
+        rows: Sequence[ca.SX],
+        carry_next: ca.SX,
+        results: Sequence[ca.SX | ExpandedColumn] = (),
+        share: bool = True,
+        loop: InnerLoop | None = None,
     ) -> None:
-        """Shared: look for what is computed twice; for a graph of hundreds of thousands of operations that takes seconds."""
+        """Shared: look for what is computed twice; for a graph of hundreds of thousands of operations that takes seconds.
+
+        loop: on whose end carry_next and the results depend, each row anew.
+        """
         columns = [result.column if isinstance(result, ExpandedColumn) else result for result in results]
         dense = [ca.densify(carry_next), *map(ca.densify, columns)]
         outputs = without_repeats(dense) if share else dense
-        self._function = ca.Function(_NAME, [carry, *rows], outputs)
+        looped = None if loop is None else function_with_loop(_NAME, [carry, *rows], outputs, loop)
+        self._function = ca.Function(_NAME, [carry, *rows], outputs) if looped is None else looped.function
+        self._has_loop = looped is not None
+        self._operations = self._function.n_instructions() if looped is None else looped.operations
+        self._source_operations = self._function.n_instructions() if looped is None else looped.source_operations
         self._indices = tuple(result.index if isinstance(result, ExpandedColumn) else None for result in results)
         self.widths = tuple(
             len(index) if index is not None else column.numel() for index, column in zip(self._indices, columns, strict=True)
@@ -131,7 +145,7 @@ class Scan:
     @property
     def instructions(self) -> int:
         """Number of operations of one step."""
-        return self._function.n_instructions()
+        return self._operations
 
     @property
     def backend(self) -> str:
@@ -233,11 +247,11 @@ class Scan:
             carried=max(1, function.size1_in(0)),
             **{size: max(1, getattr(function, size)()) for size in ("sz_arg", "sz_res", "sz_iw", "sz_w")},
         )
-        return native.load(native.source_of(function, driver), f"{_NAME}_scan", self.instructions, only_cached=only_cached)
+        return native.load(native.source_of(function, driver), f"{_NAME}_scan", self._source_operations, only_cached=only_cached)
 
     def _function_with_full_results(self) -> ca.Function:
         """The same step with every entry of its results written where it is wanted: cheap for a compiler, not for CasADi."""
-        symbols = self._function.sx_in()
+        symbols: list[Any] = self._function.mx_in() if self._has_loop else self._function.sx_in()
         carry_next, *results = self._function.call(symbols)
         expanded = [result if index is None else result[index.tolist()] for result, index in zip(results, self._indices, strict=True)]
         return ca.Function(_NAME, symbols, [carry_next, *expanded])

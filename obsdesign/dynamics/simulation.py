@@ -12,7 +12,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHE_SIZE, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.dynamics.step_comparison import PathBatch
 from obsdesign.dynamics.substeps import substeps_for, substeps_from
 from obsdesign.errors import InputError
@@ -106,12 +106,11 @@ def states_from(
 def _state_scan(model: Model, dt: float, has_increments: bool, substeps: int) -> Scan:
     import casadi as ca
 
-    step_graph, increment = step_of(model, dt, substeps), ca.SX.sym("kick", len(model.states))
-    return (
-        Scan(step_graph.x, [step_graph.u, step_graph.w, increment], step_graph.x_next + increment)
-        if has_increments
-        else Scan(step_graph.x, [step_graph.u, step_graph.w], step_graph.x_next)
-    )
+    step_graph, increment = looped_step(model, dt, substeps), ca.SX.sym("kick", len(model.states))
+    rows, x_next = [step_graph.u, step_graph.w], step_graph.x_next
+    if has_increments:
+        rows, x_next = [*rows, increment], x_next + increment
+    return Scan(step_graph.x, rows, x_next, loop=step_graph.loop)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from obsdesign.calculus import rk4
 from obsdesign.checks import whole_multiple
 from obsdesign.common_subexpressions import without_repeats
+from obsdesign.dynamics.inner_loop import InnerLoop
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.scan import ExpandedColumn
 from obsdesign.errors import InputError
@@ -21,7 +22,10 @@ CACHE_SIZE = 64  # functions kept of each kind
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step with inputs held: x_next (n, 1), F = dx_next/dx (n, n), B_w = dx_next/dw (n, p), sparse, of x, u and w."""
+    """One step with inputs held: x_next (n, 1), F = dx_next/dx (n, n), B_w = dx_next/dw (n, p), sparse, of x, u and w.
+
+    loop: None, or a loop of sub-steps. Then these are symbols of its end, which have no derivatives, and a `Scan` takes the loop along.
+    """
 
     x: ca.SX
     u: ca.SX
@@ -29,6 +33,12 @@ class Step:
     x_next: ca.SX
     F: ca.SX
     B_w: ca.SX
+    loop: InnerLoop | None = None
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Phi, and what this step makes of it."""
+        return sensitivity_from(self.F)
 
     @property
     def all_inputs(self) -> ca.SX:
@@ -37,11 +47,15 @@ class Step:
 
     def without_disturbance(self) -> Step:
         """Return the step at w = 0, with its derivative to w there: of whoever does not know w, a filter or a design."""
-        if not self.w.numel():
-            return self
-        zero = ca.SX.zeros(self.w.numel())
-        x_next, F, B_w = (ca.substitute(value, self.w, zero) for value in (self.x_next, self.F, self.B_w))
-        return Step(self.x, self.u, self.w, x_next, F, B_w)
+        return self._substitute(self.w, ca.SX.zeros(self.w.numel())) if self.w.numel() else self
+
+    def starting_at(self, x: ca.SX) -> Step:
+        """Return the step from a state (n, 1) that is an expression."""
+        return self._substitute(self.x, x)
+
+    def _substitute(self, old: ca.SX, new: ca.SX) -> Step:
+        x_next, F, B_w = (ca.substitute(value, old, new) for value in (self.x_next, self.F, self.B_w))
+        return Step(self.x, self.u, self.w, x_next, F, B_w, None if self.loop is None else self.loop.substitute(old, new))
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +110,38 @@ def chain_steps(model: Model, lengths: tuple[float, ...]) -> Step:
         x, F_part, B_part = graphs[length](x, u, w)
         F, B_w = F_part @ F, F_part @ B_w + B_part
     return Step(model.x, u, w, ca.densify(x), F, B_w)
+
+
+@lru_cache(CACHE_SIZE)
+def looped_step(model: Model, step: float, substeps: int = 1) -> Step:
+    """Return the step of `step_of`, more than one sub-step of RK4 as a loop: m of them cost m times one, but have no derivatives.
+
+    z = (x, u, w, Phi, B): Phi+ = F Phi from the identity and B+ = F B + B_w from 0, F and B_w of one sub-step.
+    """
+    if substeps == 1 or exact_step(model, step) is not None:
+        return step_of(model, step, substeps)
+    one = chain_steps(model, (step / substeps,))
+    Phi, B = one.sensitivity, ca.SX.sym("B", _reached_by_inputs(one))
+    B_next = ca.project(one.F @ B + one.B_w, B.sparsity())
+    parts = [one.x, one.u, one.w, Phi.free, _nonzeros(B)]
+    start = ca.vertcat(one.x, one.u, one.w, ca.DM(Phi.start), ca.SX.zeros(B.nnz()))
+    end = [ca.SX.sym("end", part.numel()) for part in parts]
+    z_next = ca.vertcat(one.x_next, one.u, one.w, Phi.free_next, _nonzeros(B_next))
+    loop = InnerLoop(substeps, ca.vertcat(*parts), z_next, start, ca.vertcat(*end))
+    F = ca.substitute(Phi.Phi, Phi.free, end[3])
+    return Step(one.x, one.u, one.w, end[0], F, ca.SX(B.sparsity(), end[4]), loop)
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    return ca.densify(ca.vec(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
+
+
+def _reached_by_inputs(step_graph: Step) -> ca.Sparsity:
+    """Return where dx/dw of steps one after the other is not 0: at most n of them reach all that is ever reached."""
+    reached = step_graph.B_w.sparsity()
+    for _ in range(step_graph.x.numel()):
+        reached = reached + (step_graph.F @ ca.SX(reached, 1)).sparsity()
+    return reached
 
 
 def runge_kutta(model: Model, length: float | ca.SX) -> Step:
@@ -153,12 +199,6 @@ def _nonzero_structure(M: np.ndarray) -> np.ndarray:
 def sensitivity_of(model: Model, step: float, substeps: int = 1) -> Sensitivity:
     """Return Phi at w = 0: what each step of `step` seconds makes of it."""
     return sensitivity_from(step_of(model, step, substeps).without_disturbance().F)
-
-
-@lru_cache(CACHE_SIZE)
-def sensitivity_along(model: Model, step: float, substeps: int = 1) -> Sensitivity:
-    """Return Phi along a path that unknown inputs move: `next` is of x, u and w."""
-    return sensitivity_from(step_of(model, step, substeps).F) if model.unknown_inputs else sensitivity_of(model, step, substeps)
 
 
 def sensitivity_from(F: ca.SX) -> Sensitivity:

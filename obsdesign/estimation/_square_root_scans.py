@@ -15,7 +15,7 @@ import numpy as np
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHE_SIZE, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, Step, looped_step
 from obsdesign.information.information_update import triangular_factor
 
 
@@ -56,23 +56,25 @@ def root_belief(carry: np.ndarray, n: int, nuisance: NuisanceStates) -> tuple[np
 @lru_cache(CACHE_SIZE)
 def root_scans(model: Model, step: float, substeps: int) -> FilterScans:
     """Return the walks; the carry is (X, S), S column by column, and the row of process noise a root (n n,) of it by rows."""
-    n, size = model.x.numel(), model.x.numel() + nuisance_of(model, step).size
+    n, nuisance = model.x.numel(), nuisance_of(model, step)
+    size = n + nuisance.size
     X, S, u = ca.vertcat(model.x, ca.SX.sym("errors", size - n)), ca.SX.sym("S", size, size), model.u
     carry, noise = ca.vertcat(X, ca.vec(S)), ca.SX.sym("noise", n * n)
     y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
     mean, root = _update(model, step, (X, S), y, active)
+    step_graph = looped_step(model, step, substeps).without_disturbance()
+    updated_step = step_graph.starting_at(mean[:n])
     x_moments = [mean[:n], ca.vec(root[:n, :] @ root[:n, :].T)]
     return FilterScans(
-        Scan(carry, [u, noise], _predict(model, (step, substeps), X, S, noise)),
+        Scan(carry, [u, noise], _predict(step_graph, nuisance, X, S, noise), loop=step_graph.loop),
         Scan(carry, [y, active], ca.vertcat(mean, ca.vec(root))),
-        Scan(carry, [u, y, active, noise], _predict(model, (step, substeps), mean, root, noise), x_moments),
+        Scan(carry, [u, y, active, noise], _predict(updated_step, nuisance, mean, root, noise), x_moments, loop=updated_step.loop),
     )
 
 
-def _predict(model: Model, step_split: tuple[float, int], X: ca.SX, S: ca.SX, noise: ca.SX) -> ca.SX:
-    """(f(x, u), decay z, b) and the triangular root of F S S' F' + Q, F and Q those of (x, z, b)."""
-    step_graph, nuisance, n = step_of(model, *step_split).without_disturbance(), nuisance_of(model, step_split[0]), model.x.numel()
-    x_next, F = (ca.substitute(value, step_graph.x, X[:n]) for value in (step_graph.x_next, step_graph.F))
+def _predict(step_graph: Step, nuisance: NuisanceStates, X: ca.SX, S: ca.SX, noise: ca.SX) -> ca.SX:
+    """(f(x, u), decay z, b) and the triangular root of F S S' F' + Q, F and Q those of (x, z, b); the step starts at the x of X."""
+    x_next, F, n = step_graph.x_next, step_graph.F, step_graph.x.numel()
     decay = ca.SX(ca.DM(nuisance.transition))
     driving_root = ca.sparsify(ca.SX(ca.DM(root_of(nuisance.driving_covariance))))
     propagated = ca.diagcat(F, ca.diag(decay)) @ S

@@ -13,7 +13,7 @@ from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import substeps_needed
-from obsdesign.dynamics.step import CACHE_SIZE, Step, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, Step, looped_step
 from obsdesign.errors import InputError
 from obsdesign.estimation._square_root_scans import FilterScans, root_belief, root_of, root_scans, root_start
 from obsdesign.packing import pack, pack_values, symmetric, unpack
@@ -132,10 +132,11 @@ def _scans(model: Model, step: float, substeps: int) -> FilterScans:
 
 @lru_cache(CACHE_SIZE)
 def _predict_scan(model: Model, step: float, substeps: int) -> Scan:
-    step_graph = step_of(model, step, substeps)
+    step_graph = looped_step(model, step, substeps).without_disturbance()
     n = step_graph.x.numel()
     (P, carry), (Q, noise_entries) = symmetric("P", n), symmetric("Q", n)
-    return Scan(ca.vertcat(step_graph.x, carry), [step_graph.u, noise_entries], _predict_carry(step_graph, step_graph.x, P, Q))
+    rows, carry_next = [step_graph.u, noise_entries], _predict_carry(step_graph, P, Q)
+    return Scan(ca.vertcat(step_graph.x, carry), rows, carry_next, loop=step_graph.loop)
 
 
 @lru_cache(CACHE_SIZE)
@@ -149,20 +150,19 @@ def _update_scan(model: Model) -> Scan:
 @lru_cache(CACHE_SIZE)
 def _filter_scan(model: Model, step: float, substeps: int) -> Scan:
     """One update and one prediction; results: mean (n,) and covariance (n n,) between them."""
-    step_graph = step_of(model, step, substeps)
+    step_graph = looped_step(model, step, substeps).without_disturbance()
     n = model.x.numel()
     (P, carry), (Q, noise_entries) = symmetric("P", n), symmetric("Q", n)
     y, active = (ca.SX.sym(name, len(model.outputs)) for name in ("y", "active"))
     mean, covariance = _linear_update(model, P, y, active)
-    carry_next = _predict_carry(step_graph, mean, covariance, Q)
-    return Scan(ca.vertcat(model.x, carry), [step_graph.u, y, active, noise_entries], carry_next, [mean, ca.vec(covariance)])
+    step_graph = step_graph.starting_at(mean)
+    rows, results = [step_graph.u, y, active, noise_entries], [mean, ca.vec(covariance)]
+    return Scan(ca.vertcat(model.x, carry), rows, _predict_carry(step_graph, covariance, Q), results, loop=step_graph.loop)
 
 
-def _predict_carry(step: Step, mean: ca.SX, P: ca.SX, Q: ca.SX) -> ca.SX:
+def _predict_carry(step: Step, P: ca.SX, Q: ca.SX) -> ca.SX:
     """(f(x, u), lower triangle of F P F' + Q)."""
-    step_graph = step.without_disturbance()
-    x_next, F = (ca.substitute(value, step_graph.x, mean) for value in (step_graph.x_next, step_graph.F))
-    return ca.vertcat(x_next, pack(F @ P @ F.T + Q))
+    return ca.vertcat(step.x_next, pack(step.F @ P @ step.F.T + Q))
 
 
 def _linear_update(model: Model, P: ca.SX, y: ca.SX, active: ca.SX) -> tuple[ca.SX, ca.SX]:

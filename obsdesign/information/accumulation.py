@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor, require_positive, require_tolerance
+from obsdesign.dynamics.inner_loop import InnerLoop
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, simulate, substeps_along, substeps_needed
-from obsdesign.dynamics.step import CACHE_SIZE, sensitivity_along, step_of, steps_per_sample
+from obsdesign.dynamics.step import CACHE_SIZE, looped_step, step_of, steps_per_sample
 from obsdesign.errors import InputError
 from obsdesign.information.additive_amounts import additive_factors
 from obsdesign.information.correlated_noise import Colour, colour_of
@@ -82,15 +83,19 @@ class InformationStep:
     carry_next: ca.SX
     blocks: list[ca.SX]
     start: np.ndarray
+    loop: InnerLoop | None
 
 
 @lru_cache(CACHE_SIZE)
-def information_step(model: Model, step: float, substeps: int = 1, is_additive: bool = False) -> InformationStep:
+def information_step(
+    model: Model, step: float, substeps: int = 1, is_additive: bool = False, has_derivatives: bool = False
+) -> InformationStep:
     """Return one step with its samples: the blocks of independent errors, or what each sensor adds to the samples before and beside.
 
-    is_additive: amounts from below instead of the latter, of each sensor alone.
+    is_additive: amounts from below instead of the latter, of each sensor alone; has_derivatives: sub-steps as one graph, not as a loop.
     """
-    step_graph, sensitivity = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
+    step_graph = (step_of if has_derivatives else looped_step)(model, step, substeps)
+    sensitivity = step_graph.sensitivity
     instant = instant_of(model, sensitivity.Phi, any(period > 1 for period in steps_per_sample(model, step)), is_additive)
     carry, carry_next = ca.vertcat(sensitivity.free, instant.carry), ca.vertcat(sensitivity.free_next, instant.carry_next)
     start = np.concatenate([sensitivity.start, instant.start])
@@ -105,6 +110,7 @@ def information_step(model: Model, step: float, substeps: int = 1, is_additive: 
         carry_next,
         instant.blocks,
         start,
+        step_graph.loop,
     )
 
 
@@ -117,6 +123,7 @@ def simulating_accumulator(model: Model, step: float, substeps: int = 1) -> Accu
         ca.vertcat(step_graph.x, step_graph.carry, sums),
         [step_graph.u, step_graph.w, *step_graph.sampling],
         ca.vertcat(step_graph.x_next, step_graph.carry_next, sums_next),
+        loop=step_graph.loop,
     )
     return Accumulator(scan, step_graph.start, packing, bool(step_graph.sampling), colour_of(model))
 
@@ -130,6 +137,7 @@ def accumulator_along(model: Model, step: float, substeps: int = 1, is_additive:
         ca.vertcat(step_graph.carry, sums),
         [step_graph.x, step_graph.all_inputs, *step_graph.sampling],
         ca.vertcat(step_graph.carry_next, sums_next),
+        loop=step_graph.loop,
     )
     return Accumulator(scan, step_graph.start, packing, bool(step_graph.sampling), colour_of(model))
 

@@ -11,7 +11,7 @@ from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.nuisance_states import nuisance_of
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.information_update import Disturbance, InformationRoot, add_disturbance
 from obsdesign.information.nuisance_information import samples_given_previous
@@ -41,7 +41,7 @@ def _backward_scan(model: Model, step: float, disturbance: Disturbance, substeps
 
     Results: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k); and B'L'L B if all were known.
     """
-    step_graph = step_of(model, step, substeps)
+    step_graph = looped_step(model, step, substeps)
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
     L, rounding, (known_input_square, square_entries) = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n), symmetric("alone", n)
     B, samples = step_graph.B_w[:, list(disturbance.unknown)], rows_of_samples(model, weights)
@@ -51,7 +51,8 @@ def _backward_scan(model: Model, step: float, disturbance: Disturbance, substeps
     square = pack(step_graph.F.T @ known_input_square @ step_graph.F + samples.T @ samples)
     carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding, square)
     results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(step_graph.F, B))), ca.vec(ca.densify(B.T @ known_input_square @ B))]
-    return Scan(ca.vertcat(ca.vec(L), rounding, square_entries), [step_graph.x, step_graph.all_inputs, weights], carry_next, results)
+    carry = ca.vertcat(ca.vec(L), rounding, square_entries)
+    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights], carry_next, results, loop=step_graph.loop)
 
 
 def backward_roots(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
@@ -74,7 +75,7 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
 
     Result: L [F 0 B] about (b, x_k, z_k, w_k).
     """
-    step_graph, nuisance, n = step_of(model, step, substeps), nuisance_of(model, step), len(model.states)
+    step_graph, nuisance, n = looped_step(model, step, substeps), nuisance_of(model, step), len(model.states)
     a, c = len(nuisance.coloured), len(nuisance.constant)
     size, weights = a + c + n, ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", size, size), ca.SX.sym("rounding", size)
@@ -91,6 +92,7 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
         [step_graph.x, step_graph.all_inputs, weights],
         ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding),
         results,
+        loop=step_graph.loop,
     )
 
 

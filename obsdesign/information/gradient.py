@@ -136,7 +136,7 @@ def _accumulate(
 @lru_cache(CACHE_SIZE)
 def _adjoint_scan(model: Model, dt: float, substeps: int) -> Scan:
     """(adjoint of x, of the carry) at t_k+1 -> at t_k; rows (x, carry)_k, (u, w)_k, who samples, Z; result: the gradient (m,) to u_k."""
-    step_graph, n = information_step(model, dt, substeps), len(model.states)
+    step_graph, n = information_step(model, dt, substeps, has_derivatives=True), len(model.states)
     state, state_next = ca.vertcat(step_graph.x, step_graph.carry), ca.vertcat(step_graph.x_next, step_graph.carry_next)
     Z, adjoint = ca.SX.sym("Z", n * n), ca.SX.sym("adjoint", state.numel())
     potential = ca.dot(ca.reshape(Z, n, n), sum(step_graph.blocks, ca.SX(n, n))) + ca.dot(adjoint, state_next)

@@ -17,7 +17,7 @@ from obsdesign.checks import all_finite, as_array
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, readings, states_from, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, sensitivity_along, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.blocks import Information, with_samples
 from obsdesign.information.correlated_noise import colour_of, require_coloured
@@ -74,7 +74,7 @@ def _gramian_with_colour(system: AbstractSystem, path: Trajectory) -> Informatio
     """The same with the samples of the sensors whose errors are not independent."""
     model, n = system.model, path.x.shape[1]
     split, colour = _step_split(system, path), require_coloured(model)
-    sensitivity = sensitivity_along(model, *split)
+    sensitivity = looped_step(model, *split).sensitivity
     rows = [path.x[:-1], all_inputs_along(system, path)]
     run = _sensitivity_scan_with_colour(model, *split).run(sensitivity.start[None], rows, path.steps, carries=False)
     blocks = zero_unsampled(run.results[0].reshape(path.steps, -1, n, n), system, path.step)
@@ -141,7 +141,7 @@ def require_sensors(system: AbstractSystem) -> None:
 def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return Phi (N+1, n, n): Phi[k] = dx(t_k)/dx(t_0) along the path."""
     split = _step_split(system, path)
-    sensitivity = sensitivity_along(system.model, *split)
+    sensitivity = looped_step(system.model, *split).sensitivity
     entries = _transition_scan(system.model, *split).along(sensitivity.start, path.x[:-1], all_inputs_along(system, path))[0]
     if not all_finite(entries):
         k = int(np.argwhere(~np.isfinite(entries))[0, 0])
@@ -152,36 +152,40 @@ def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
 @lru_cache(CACHE_SIZE)
 def _transition_scan(model: Model, step: float, substeps: int) -> Scan:
     """Phi -> F(x, u, w) Phi, without the blocks."""
-    step_graph, sensitivity = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
-    return Scan(sensitivity.free, [step_graph.x, step_graph.all_inputs], sensitivity.free_next)
+    step_graph = looped_step(model, step, substeps)
+    sensitivity = step_graph.sensitivity
+    return Scan(sensitivity.free, [step_graph.x, step_graph.all_inputs], sensitivity.free_next, loop=step_graph.loop)
 
 
 @lru_cache(CACHE_SIZE)
 def sensitivity_scan(model: Model, step: float, weighted: bool, substeps: int = 1) -> Scan:
     """Phi -> F(x, u, w) Phi, with the blocks (S n n,) of a sample at x."""
-    step_graph, sensitivity = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
+    step_graph = looped_step(model, step, substeps)
+    sensitivity = step_graph.sensitivity
     return Scan(
         sensitivity.free,
         [step_graph.x, step_graph.all_inputs],
         sensitivity.free_next,
         [dense_blocks(blocks_of(model, sensitivity.Phi, weighted))],
+        loop=step_graph.loop,
     )
 
 
 @lru_cache(CACHE_SIZE)
 def _sensitivity_scan_with_colour(model: Model, step: float, substeps: int) -> Scan:
     """The same with the rows (q n), level (q,) and gate (q,) of the outputs whose errors are not independent."""
-    step_graph, sensitivity = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
+    step_graph = looped_step(model, step, substeps)
+    sensitivity = step_graph.sensitivity
     outputs = outputs_with_colour(model, require_coloured(model), sensitivity.Phi)
     results = [dense_blocks(blocks_of(model, sensitivity.Phi)), ca.vec(ca.densify(outputs.rows).T), outputs.level, outputs.gate]
-    return Scan(sensitivity.free, [step_graph.x, step_graph.all_inputs], sensitivity.free_next, results)
+    return Scan(sensitivity.free, [step_graph.x, step_graph.all_inputs], sensitivity.free_next, results, loop=step_graph.loop)
 
 
 def _sensitivities(
     system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, split: _StepSplit, weighted: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi (1, n, n) after the last step, and blocks (N, S, n, n)."""
-    sensitivity, n = sensitivity_along(system.model, *split), x.shape[1]
+    sensitivity, n = looped_step(system.model, *split).sensitivity, x.shape[1]
     run = sensitivity_scan(system.model, split.step, weighted, split.substeps).run(
         sensitivity.start[None], [x, all_inputs], len(x), carries=False
     )

@@ -15,7 +15,7 @@ from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.backward_pass import backward_roots, backward_roots_with_nuisance, raise_not_finite, rows_of_samples
 from obsdesign.information.gramian import require_fit
@@ -188,7 +188,7 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     The carry is (T, rounding): T'T the information, T and R column by column; see `InformationRoot`. With errors that last, T is about the
     constant ones and the state, and M and V of the others follow; see `ErrorDistribution`. with_errors: all three are results.
     """
-    step_graph, nuisance = step_of(model, step, substeps), nuisance_of(model, step)
+    step_graph, nuisance = looped_step(model, step, substeps), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
     if not nuisance.size:
@@ -196,7 +196,11 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
         predicted = add_disturbance(updated.transform(ca.solve(step_graph.F, ca.SX.eye(n))), step_graph.B_w, disturbance)
         carry_next = ca.vertcat(ca.vec(ca.densify(predicted.T)), predicted.rounding)
         return Scan(
-            ca.vertcat(ca.vec(T), rounding), [step_graph.x, step_graph.all_inputs, weights], carry_next, [ca.vec(ca.densify(updated.T))]
+            ca.vertcat(ca.vec(T), rounding),
+            [step_graph.x, step_graph.all_inputs, weights],
+            carry_next,
+            [ca.vec(ca.densify(updated.T))],
+            loop=step_graph.loop,
         )
     M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     rows, counts, errors = update_with_samples(model, nuisance, ErrorDistribution(M, V), weights)
@@ -205,7 +209,8 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     carry_next = ca.vertcat(ca.vec(predicted.T), predicted.rounding, ca.vec(errors_predicted.M), pack(errors_predicted.V))
     carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
     results = [updated.T, errors.M, errors.V] if with_errors else [updated.T[c:, c:]]
-    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights], carry_next, [ca.vec(ca.densify(result)) for result in results])
+    columns = [ca.vec(ca.densify(result)) for result in results]
+    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights], carry_next, columns, loop=step_graph.loop)
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:

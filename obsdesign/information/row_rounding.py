@@ -12,7 +12,7 @@ import numpy as np
 from obsdesign.common_subexpressions import without_repeats
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.step import CACHE_SIZE, Sensitivity, sensitivity_along, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, Sensitivity, step_of
 from obsdesign.rank.graph import instructions
 
 _N_ANGLES = (
@@ -61,7 +61,8 @@ def rounding_scan(model: Model, step: float, substeps: int) -> RoundingScan:
     With a factor 1 + theta_o at the result of each operation, and at each constant and input that may have been rounded, the
     derivative to theta in a direction drawn at random, DRAWS times: the mean square over the draws is that of independent errors.
     """
-    step_graph, sensitivity = step_of(model, step, substeps), sensitivity_along(model, step, substeps)
+    step_graph = step_of(model, step, substeps)
+    sensitivity = step_graph.sensitivity
     n, c, q = len(model.states), sensitivity.free.numel(), model.h.numel()
     output_rows = ca.jacobian(model.h, model.x) @ sensitivity.Phi
     symbols = [step_graph.x, step_graph.all_inputs, sensitivity.free]

@@ -12,7 +12,7 @@ from obsdesign.checks import all_finite, require_count
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, step_of
+from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.accumulation import accumulator_along
 from obsdesign.information.correlated_noise import colour_of
@@ -86,9 +86,11 @@ def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndar
 
 @lru_cache(CACHE_SIZE)
 def _local_scan(model: Model, step: float, substeps: int) -> Scan:
-    step_graph = step_of(model, step, substeps)
+    step_graph = looped_step(model, step, substeps)
     blocks = dense_blocks(blocks_of(model, ca.SX.eye(step_graph.x.numel())))
-    return Scan(ca.SX(0, 1), [step_graph.x, step_graph.all_inputs], ca.SX(0, 1), [ca.vec(ca.densify(step_graph.F)), blocks])
+    return Scan(
+        ca.SX(0, 1), [step_graph.x, step_graph.all_inputs], ca.SX(0, 1), [ca.vec(ca.densify(step_graph.F)), blocks], loop=step_graph.loop
+    )
 
 
 def _concatenate(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray], steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,65 @@
+"""The noise of simulated samples: joint, correlated from sample to sample, and constant, made of independent standard normal numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.simulation import Readings
+
+GATE_THRESHOLD = 0.5  # a simulated sample arrives where the sensor's gate is wider than this at the true state
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementNoise:
+    """Errors of the outputs: varying (..., N, q), in standard deviations of a sample, and constant (..., q), in the units of the outputs."""
+
+    varying: np.ndarray
+    constant: np.ndarray
+
+    def at(self, k: int) -> MeasurementNoise:
+        """Return that of the k-th instant alone."""
+        return MeasurementNoise(self.varying[..., k : k + 1, :], self.constant)
+
+    def added_to(self, readings: Readings) -> np.ndarray:
+        """Return samples y + spread e + b (M, N, q)."""
+        return readings.y + readings.spread * self.varying + self.constant[..., None, :]
+
+
+def measurement_noise(
+    model: Model, white: np.ndarray, white_constant: np.ndarray, is_sampled: np.ndarray, white_before: np.ndarray | None = None
+) -> MeasurementNoise:
+    """Return the noise of a path of N instants that independent standard normal numbers make.
+
+    Arguments:
+        white (N, q): one for each output and instant.
+        white_constant (q,): one for each constant error.
+        is_sampled (N, q): which outputs are sampled when; the errors of one are correlated from each of its samples to the next.
+        white_before (q,): one for the error before the first sample; None: white[0] is that of the first sample itself.
+    """
+    channels = [model.channels[sensor].noise for sensor in model.output_owner]
+    varying, before = (_joint(model, values) for values in (white, white_before))
+    varying = np.array(varying)
+    for column, noise in enumerate(channels):
+        if noise.correlation:
+            samples = is_sampled[:, column]
+            previous = None if before is None else float(before[column])
+            varying[samples, column] = _correlate(varying[samples, column], noise.correlation, previous)
+    return MeasurementNoise(varying, np.array([noise.bias for noise in channels]) * white_constant)
+
+
+def _joint(model: Model, white: np.ndarray | None) -> np.ndarray | None:
+    """Return numbers (..., q) with the correlations between the outputs of one instant."""
+    return white @ model.correlation_root.T if model.joint and white is not None else white
+
+
+def _correlate(white: np.ndarray, correlation: float, previous: float | None) -> np.ndarray:
+    """e_j = c e_(j-1) + (1 - c^2)^1/2 white_j, e_(-1) the previous one, or e_0 = white_0 where there is none: variance 1 throughout."""
+    from scipy.signal import lfilter  # a second to load, and few sensors need it
+
+    gain = np.sqrt(1 - correlation**2)
+    innovations = np.concatenate([white[:1] / gain, white[1:]]) if previous is None else white
+    errors, _ = lfilter([gain], [1.0, -correlation], innovations, zi=[correlation * (previous or 0.0)])
+    return np.asarray(errors)
