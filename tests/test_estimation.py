@@ -15,6 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import obsdesign as od
+from obsdesign.dynamics.measurement_noise import MeasurementNoise
 from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.estimation.validation import CONSISTENT_SHARE, SETTLING_SHARE, _assess_consistency
@@ -447,7 +448,7 @@ def test_the_truth_of_a_flight_moves_as_the_pendulum_does():
     problem = od.DesignProblem(
         system=swinging(), start=(0.0, 0.0), duration=1.0, step=0.2, path=od.PiecewiseConstant(1), bounds=bounds, scale=(1.0, 10.0)
     )
-    world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), np.zeros((2, 5, 1)), np.zeros((5, 1), dtype=bool))
+    world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), MeasurementNoise(np.zeros((5, 1)), np.zeros(1)), np.zeros((5, 1), dtype=bool))
     estimator = ExtendedKalmanFilter(problem.system, problem.step, np.zeros((2, 2)))
     scene = flight._Simulation(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
     flown = flight._simulate_flight(scene, lambda *_: np.zeros(1))

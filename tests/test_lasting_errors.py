@@ -12,6 +12,7 @@ from stacked import stacked
 
 import obsdesign as od
 from obsdesign.design.nlp.program import Program
+from obsdesign.dynamics.measurement_noise import measurement_noise
 from obsdesign.dynamics.simulation import readings, substeps_along
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.estimation.validation import _draws, _MonteCarloTask
@@ -354,12 +355,12 @@ def test_joint_errors_of_the_truth_have_their_covariance_at_each_instant_and_non
     task = _MonteCarloTask(
         system, path, od.Prior(path.x[0], std=np.ones(5)), np.ones((4, 2), dtype=bool), np.zeros((5, 0)), 1, range(4000), 1
     )
-    flown = od.DesignProblem(system, np.zeros(5), 2.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.1, 0.1)})
-    white = np.random.default_rng(2).standard_normal((4002, 3))
+    before, constant, *white = np.random.default_rng(2).standard_normal((4002, 3))
+    flown = measurement_noise(system.model, np.array(white), constant, np.ones((4000, 3), dtype=bool), before)
     spread = np.sqrt(np.diag(R_JOINT))
     for noise in (
         np.stack([_draws(task, run)[2] for run in task.runs]) * spread,
-        flying._colour_noise(flown, white, np.ones((4000, 3), dtype=bool))[0].reshape(1000, 4, 3) * spread,
+        flown.varying.reshape(1000, 4, 3) * spread,
     ):
         runs, size = len(noise), np.outer(spread, spread)
         for k in range(4):

@@ -16,6 +16,7 @@ import obsdesign.planning.closed_loop as flying
 from obsdesign.design import tightening
 from obsdesign.design.feasibility import is_feasible, violations
 from obsdesign.design.sqp.trust_region_sqp import Solution
+from obsdesign.dynamics.measurement_noise import measurement_noise
 from obsdesign.planning.closed_loop import Flight, fly
 from obsdesign.planning.plan import Plan
 from obsdesign.planning.planner import Planner
@@ -637,13 +638,15 @@ def test_where_all_is_linear_errors_are_as_the_filter_says(cart: od.DesignProble
 def test_correlated_noise_and_constant_errors_are_those_of_the_sensors():
     gps = od.GPS(2.0, correlation=0.8, bias_floor=1.5)
     problem = replace(PROBLEM, system=od.System(od.Dubins(1.0, wind="constant"), (gps,)), constraints=())
-    white, due = np.random.default_rng(0).standard_normal((20002, 2)), np.ones((20000, 2), dtype=bool)
+    before, white_constant, *white = np.random.default_rng(0).standard_normal((20002, 2))
+    due = np.ones((20000, 2), dtype=bool)
     due[1::2] = False  # a sample every other step
-    error, constant = flying._colour_noise(problem, white, due)
-    sampled = error[::2]
+    noise = measurement_noise(problem.system.model, np.array(white), white_constant, due, before)
+    sampled = noise.varying[::2]
     np.testing.assert_allclose(sampled.std(axis=0), 1.0, atol=0.05)
     np.testing.assert_allclose((sampled[1:] * sampled[:-1]).mean(axis=0), 0.8, atol=0.06)
-    np.testing.assert_array_equal(constant, np.tile(1.5 * white[1], (20000, 1)))
+    np.testing.assert_array_equal(noise.constant, 1.5 * white_constant)
+    assert sampled[0] == pytest.approx(0.8 * before + 0.6 * white[0])  # the first follows the one before
 
 
 def test_a_flight_tells_how_near_the_truth_came_to_its_limits():

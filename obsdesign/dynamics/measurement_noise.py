@@ -14,7 +14,7 @@ GATE_THRESHOLD = 0.5  # a simulated sample arrives where the sensor's gate is wi
 
 @dataclass(frozen=True, eq=False)
 class MeasurementNoise:
-    """Errors of the outputs: varying (..., N, q), in standard deviations of a sample, and constant (..., q), in the units of the outputs."""
+    """Errors of the outputs: varying (..., N, q), in standard deviations of a sample, and constant (..., q), in the outputs' units."""
 
     varying: np.ndarray
     constant: np.ndarray
@@ -40,19 +40,15 @@ def measurement_noise(
         white_before (q,): one for the error before the first sample; None: white[0] is that of the first sample itself.
     """
     channels = [model.channels[sensor].noise for sensor in model.output_owner]
-    varying, before = (_joint(model, values) for values in (white, white_before))
-    varying = np.array(varying)
+    varying = white if white_before is None else np.vstack([white_before, white])
+    varying = varying @ model.correlation_root.T if model.joint else varying.copy()
+    before, varying = (None, varying) if white_before is None else (varying[0], varying[1:])
     for column, noise in enumerate(channels):
         if noise.correlation:
             samples = is_sampled[:, column]
             previous = None if before is None else float(before[column])
             varying[samples, column] = _correlate(varying[samples, column], noise.correlation, previous)
     return MeasurementNoise(varying, np.array([noise.bias for noise in channels]) * white_constant)
-
-
-def _joint(model: Model, white: np.ndarray | None) -> np.ndarray | None:
-    """Return numbers (..., q) with the correlations between the outputs of one instant."""
-    return white @ model.correlation_root.T if model.joint and white is not None else white
 
 
 def _correlate(white: np.ndarray, correlation: float, previous: float | None) -> np.ndarray:

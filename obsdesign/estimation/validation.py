@@ -14,9 +14,9 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import as_array, require_count
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number
+from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import readings, simulate, states_from, substeps_along
-from obsdesign.dynamics.step import steps_per_sample
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.information.gramian import require_fit
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 SETTLING_SHARE = 0.25  # share of the path after which consistency is judged
 CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
-GATE_THRESHOLD = 0.5  # a sample arrives where the sensor's gate is wider than this at the true state
 _RUNS_PER_TASK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
 
 Consistency = Literal["consistent", "overconfident", "underconfident"]
@@ -168,10 +167,10 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     system, path = task.system, task.path
     model = system.model
     draws = [_draws(task, run) for run in task.runs]
-    initial_errors, process_noise, noise, bias = (np.stack(parts) for parts in zip(*draws, strict=True))
+    initial_errors, process_noise, varying, constant = (np.stack(parts) for parts in zip(*draws, strict=True))
     truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, process_noise, substeps=task.substeps)
     path_readings = readings(system, truth[:, :-1])
-    y = path_readings.y + path_readings.spread * noise + bias[:, None]
+    y = MeasurementNoise(varying, constant).added_to(path_readings)
     owner = np.array(model.output_owner)
     active = task.active[:, owner] & (path_readings.gate > GATE_THRESHOLD)
     estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, task.substeps)
@@ -184,30 +183,15 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Initial error (n,), process noise (N, n), measurement noise (N, q) of spread 1, constant errors (q,), from a stream of its own."""
+    """Initial error (n,), process noise (N, n), varying (N, q) and constant (q,) errors of the samples, from a stream of its own."""
     random = np.random.default_rng([task.seed, run])
-    model, steps = task.system.model, task.path.steps
-    initial_error = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(task.path.x.shape[1])
-    process_noise = random.standard_normal((steps, task.noise.shape[1])) @ task.noise.T
-    noise = random.standard_normal((steps, len(model.outputs)))
-    if model.joint:
-        noise = noise @ model.correlation_root.T
-    periods = steps_per_sample(task.system.model, task.path.step)
-    for column, sensor in enumerate(model.output_owner):
-        correlation = model.channels[sensor].noise.correlation
-        if correlation:
-            noise[:: periods[sensor], column] = _correlate(noise[:: periods[sensor], column], correlation)
-    biases = np.array([model.channels[sensor].noise.bias for sensor in model.output_owner])
-    return initial_error, process_noise, noise, biases * random.standard_normal(len(biases))
-
-
-def _correlate(white: np.ndarray, correlation: float) -> np.ndarray:
-    """e_0 = white_0, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j: variance 1 throughout."""
-    from scipy.signal import lfilter  # a second to load, and few sensors need it
-
-    innovation_gain = np.sqrt(1 - correlation**2)
-    innovations = np.concatenate([white[:1] / innovation_gain, white[1:]])
-    return np.asarray(lfilter([innovation_gain], [1.0, -correlation], innovations))
+    model, path = task.system.model, task.path
+    initial_error = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(path.x.shape[1])
+    process_noise = random.standard_normal((path.steps, task.noise.shape[1])) @ task.noise.T
+    white = random.standard_normal((path.steps, len(model.outputs)))
+    is_sampled = sampling_mask(task.system, path.steps, path.step)[:, list(model.output_owner)]
+    noise = measurement_noise(model, white, random.standard_normal(white.shape[1]), is_sampled)
+    return initial_error, process_noise, noise.varying, noise.constant
 
 
 def _assess_consistency(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:

@@ -15,10 +15,10 @@ from obsdesign.constraints.abstract import ALWAYS
 from obsdesign.design.feasibility import least_margins_at_nodes
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, line_picture, number
+from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.errors import InputError
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.estimation.validation import GATE_THRESHOLD
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.planning.plan import Plan
@@ -74,11 +74,11 @@ class Flight(AbstractDisplay):
 
 @dataclass(frozen=True, eq=False)
 class _Realisation:
-    """What no pilot can change: the true start (n,), process_noise (K, n), white noise of the samples (K, q), who samples (K, q)."""
+    """What no pilot can change: the true start (n,), process_noise (K, n), the noise of the samples, who samples (K, q)."""
 
     start: np.ndarray
     process_noise: np.ndarray
-    sample_noise: np.ndarray
+    sample_noise: MeasurementNoise
     is_sampled: np.ndarray
 
 
@@ -174,25 +174,10 @@ def _draw_realisation(
     random, model = np.random.default_rng(seed), problem.system.model
     random_start = prior.mean + np.linalg.cholesky(prior.covariance) @ random.standard_normal(prior.mean.size)
     process_noise = random.standard_normal((steps, noise_root.shape[1])) @ noise_root.T
-    noise = random.standard_normal((steps + 2, len(model.outputs)))
+    white_before, white_constant, *white = random.standard_normal((steps + 2, len(model.outputs)))
     is_sampled = sampling_mask(problem.system, steps, problem.step)[:, list(model.output_owner)]
-    return _Realisation(random_start if start is None else start, process_noise, _colour_noise(problem, noise, is_sampled), is_sampled)
-
-
-def _colour_noise(problem: DesignProblem, white_noise: np.ndarray, is_sampled: np.ndarray) -> np.ndarray:
-    """Return noise of the sensors' correlation, e_j = c e_(j-1) + (1 - c^2)^1/2 white_j from sample to sample, and constant errors.
-
-    white_noise (K+2, q): its first row is e before the first sample, its second the constant errors, in standard deviations.
-    """
-    model = problem.system.model
-    noises = [model.channels[sensor].noise for sensor in model.output_owner]
-    c, bias = (np.array([getattr(noise, name) for noise in noises]) for name in ("correlation", "bias"))
-    constant, white_noise = bias * white_noise[1], white_noise @ model.correlation_root.T if model.joint else white_noise
-    error, errors = white_noise[0], np.empty((2, len(is_sampled), len(noises)))
-    for k, innovation in enumerate(white_noise[2:]):
-        error = np.where(is_sampled[k], c * error + np.sqrt(1 - c**2) * innovation, error)
-        errors[:, k] = error, constant
-    return errors
+    noise = measurement_noise(model, np.array(white), white_constant, is_sampled, white_before)
+    return _Realisation(random_start if start is None else start, process_noise, noise, is_sampled)
 
 
 def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan]) -> _Policy:
@@ -226,8 +211,7 @@ def _simulate_flight(simulation: _Simulation, policy: _Policy) -> Flight:
 def _measurement_update(simulation: _Simulation, belief: Belief, truth: np.ndarray, k: int) -> Belief:
     """Take in the samples at the k-th instant."""
     reading = readings(simulation.problem.system, truth[None, None])
-    noise, constant = simulation.realisation.sample_noise[:, k]
-    y = reading.y[0] + reading.spread[0] * noise + constant
+    y = simulation.realisation.sample_noise.at(k).added_to(reading)[0]
     return simulation.estimator.update(belief, y, simulation.realisation.is_sampled[k] & (reading.gate[0, 0] > GATE_THRESHOLD))
 
 
