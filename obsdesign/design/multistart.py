@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import islice
+from logging import getLogger
 from time import perf_counter
 
 import numpy as np
@@ -30,8 +31,10 @@ from obsdesign.design.upper_bound import cap_of
 from obsdesign.errors import SolveError
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.paths.dubins_path import DubinsPath
+from obsdesign.progress import Progress, StageReport
 from obsdesign.status import Status
 
+_LOGGER = getLogger(__name__)
 _MAX_SKIPPED = 20  # starts without a value that are left out; after so many the others are tried all the same
 _FIRST, _ON_FLOORS = 3, 6  # with a floor: climbs that must not all end without an answer, and starts that a path is looked for from then
 _NEAR_BEST, _MAX_REFINED = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
@@ -45,6 +48,8 @@ def design_trajectory(
     executor: Executor | None = None,
     throw: bool = True,
     evidence: int = 0,
+    *,
+    progress: Progress | None = None,
 ) -> Design:
     """Return the best of several locally optimal paths, every claim recomputed from the path itself.
 
@@ -59,11 +64,14 @@ def design_trajectory(
         executor: runs the local solves, one task each; the answer is the same for any number of workers.
         throw: False = return the failed Design instead of raising SolveError.
         evidence: number of local solves that ask how much better another path might be; 0 = none.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises UnobservableError, and SolveError when no start ends in an answer. Source of the aim: Brace and Morgansen.
     """
     require_count("starts", starts)
     require_count("seed", seed, minimum=0)
     require_count("evidence", evidence, minimum=0)
+    report = StageReport(_LOGGER, progress)
+    report("what the sensors can see on any path")
     verdict = observability(problem.system, seed=seed)
     if verdict.decided and not verdict.observable and not problem.about and not np.any(problem.known):
         raise UnobservableError(verdict)
@@ -72,8 +80,9 @@ def design_trajectory(
     if unreachable:
         design = Design(problem, None, None, np.nan, Status.INFEASIBLE, (), reason=unreachable)
     else:
-        design = _best_duration(problem, starts, seed, executor)
+        design = _best_duration(problem, starts, seed, executor, report)
         if evidence and design.status.has_answer:
+            report(f"{evidence} local solves about how much better another path might be")
             design = evidence_for(design, evidence, seed, executor)
     design = replace(design, seconds=perf_counter() - start_time)
     if throw and not design.status.has_answer:
@@ -102,12 +111,12 @@ class _DesignAttempt:
         return answered, self.rank, 0.0 if answered or self.nearest is None else self.nearest.margin
 
 
-def _best_duration(problem: DesignProblem, starts: int, seed: int, executor: Executor | None) -> Design:
+def _best_duration(problem: DesignProblem, starts: int, seed: int, executor: Executor | None, report: StageReport) -> Design:
     """Design for durations spread over the range, then for ever closer neighbours of the best."""
     low, high = (round(duration / problem.step) for duration in (problem.shortest, problem.longest))
     spacing = max(1, -(-(high - low) // 4))
     attempts = {
-        steps: _design_for_duration(problem.with_duration(steps * problem.step), starts, seed, executor)
+        steps: _design_for_duration(problem.with_duration(steps * problem.step), starts, seed, executor, report)
         for steps in _spread_steps(low, high, spacing)
     }
     while spacing > 1:
@@ -116,7 +125,8 @@ def _best_duration(problem: DesignProblem, starts: int, seed: int, executor: Exe
         for steps in (best - spacing, best + spacing):
             if low <= steps <= high and steps not in attempts:
                 near = attempts[best].design
-                attempts[steps] = _design_for_duration(problem.with_duration(steps * problem.step), starts, seed, executor, near=near)
+                same = problem.with_duration(steps * problem.step)
+                attempts[steps] = _design_for_duration(same, starts, seed, executor, report, near=near)
     return _explain(max(attempts.values(), key=lambda attempt: attempt.order), seed)
 
 
@@ -136,7 +146,7 @@ def _explain(attempt: _DesignAttempt, seed: int) -> Design:
 
 
 def _design_for_duration(
-    problem: DesignProblem, starts: int, seed: int, executor: Executor | None, near: Design | None = None
+    problem: DesignProblem, starts: int, seed: int, executor: Executor | None, report: StageReport, near: Design | None = None
 ) -> _DesignAttempt:
     """Design for one duration; near: a design of another duration, whose inputs, stretched, are one of the starts.
 
@@ -149,15 +159,21 @@ def _design_for_duration(
         start_pairs = [("that of another duration", _stretch(near.trajectory.u, problem.steps)), *start_pairs[: max(1, starts // 2)]]
     search = None
     if problem.floor is None and (problem.constraints or problem.budgets or problem.rates):
+        report(f"{problem.duration:g} s: a path within the limits")
         search = search_feasible_path(problem, seed, _search_inputs(problem, start_pairs))
         if not search.is_feasible:
             failed_starts = tuple(Start(name, Status.LOCALLY_INFEASIBLE, np.nan, 0, np.nan) for name, _ in start_pairs)
             return _DesignAttempt(Design(problem, None, None, np.nan, Status.LOCALLY_INFEASIBLE, failed_starts, cap_of(problem)), search)
     tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1) for name, u in start_pairs]
+    report(f"{problem.duration:g} s: {len(tasks)} local solves{' of a coarse family' if len(families) > 1 else ''}")
     first = len(tasks) if problem.floor is None else _FIRST
     coarse = list(apply(solve_locally, tasks[:first]))
     if any(solution.status.has_answer for solution in coarse):
         coarse += apply(solve_locally, tasks[first:])
+    for solution in coarse:
+        _LOGGER.debug("%s: %s, objective %g, %d iterations", solution.name, solution.status.value, solution.objective, solution.iterations)
+    if len(families) > 1:
+        report(f"{problem.duration:g} s: the best of them refined")
     refined = coarse if len(families) == 1 else _refine(problem, families, coarse, executor)
     if any(solution.status.has_answer and is_feasible(problem, solution.path) for solution in refined):
         return _DesignAttempt(choose_best(problem, coarse, refined))

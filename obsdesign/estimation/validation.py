@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from logging import getLogger
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.prior import Prior
+from obsdesign.progress import Progress, StageReport
 from obsdesign.round_off import standard_deviations
 from obsdesign.selection.schedule import Schedule
 from obsdesign.trajectory import Trajectory
@@ -30,6 +32,7 @@ from obsdesign.trajectory import Trajectory
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_LOGGER = getLogger(__name__)
 SETTLING_SHARE = 0.25  # share of the path after which consistency is judged
 CONSISTENT_SHARE = 0.65  # share of the later instants that must lie in the band
 _RUNS_PER_TASK = 50  # runs per task: fixed, so that the answer does not depend on the number of workers
@@ -110,6 +113,7 @@ def validate(
     seed: int = 0,
     executor: Executor | None = None,
     disturbance_psd: ArrayLike | None = None,
+    progress: Progress | None = None,
 ) -> Validation:
     """Run an EKF on simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
@@ -128,6 +132,7 @@ def validate(
         seed: seed of their noise.
         executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
@@ -135,13 +140,17 @@ def validate(
     require_fit(system, path)
     # what the truth follows, whatever else moved the path given
     path = simulate(system, path.x[0], path.u, path.step, path.w, tolerance=path.tolerance)
-    active = active_steps(system, path, schedule)
+    active, report = active_steps(system, path, schedule), StageReport(_LOGGER, progress)
+    report("the posterior bound")
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
     noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
     chunks = [range(first, min(first + _RUNS_PER_TASK, runs)) for first in range(0, runs, _RUNS_PER_TASK)]
     substeps = substeps_along(system, path)
     tasks = [_MonteCarloTask(system, path, prior, active, noise, seed, chunk, substeps) for chunk in chunks]
-    results = list(map(_run_filters, tasks) if executor is None else executor.map(_run_filters, tasks))
+    results = []
+    for chunk, result in zip(chunks, map(_run_filters, tasks) if executor is None else executor.map(_run_filters, tasks), strict=True):
+        results.append(result)
+        report(f"{chunk.stop} of {runs} filter runs done")
     errors, nees = (np.concatenate(parts, axis=1) for parts in zip(*results, strict=True))
     return _assess_consistency(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from logging import getLogger
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from obsdesign.selection.schedule import Schedule, gap_of
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
+_LOGGER = getLogger(__name__)
 _GAIN_TOLERANCE = 1e-9  # relative gain of a round that is none
 
 
@@ -62,6 +64,7 @@ def alternate(start: AlternationStart) -> AlternationResult:
         values.append(pair.objective)
         pair = schedule_half_step(joint_problem, pair)
         values.append(pair.objective)
+        _LOGGER.debug("%s: round %d, objective %.9g", start.origin, len(values) // 2, pair.objective)
         is_stationary = has_answer and pair.objective <= old_objective + _GAIN_TOLERANCE * abs(old_objective)
         if pair.objective <= old_objective + _GAIN_TOLERANCE * abs(old_objective):
             break

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from logging import getLogger
 from time import perf_counter
 from typing import Any
 
@@ -22,11 +23,13 @@ from obsdesign.joint.alternation import AlternationResult, AlternationStart, Pai
 from obsdesign.joint.joint_relaxation import best_distinct, relaxations, round_relaxation
 from obsdesign.joint.problem import JointProblem
 from obsdesign.joint.result import Joint, OneSided
+from obsdesign.progress import Progress, StageReport
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
+_LOGGER = getLogger(__name__)
 ROUNDS = 20  # of path, then schedule; a few settle it
 
 
@@ -42,6 +45,7 @@ def codesign(
     seed: int = 0,
     executor: Executor | None = None,
     throw: bool = True,
+    progress: Progress | None = None,
 ) -> Joint:
     """Choose a path and a schedule of its sensors together.
 
@@ -60,6 +64,7 @@ def codesign(
         seed: seed of these paths.
         executor: runs the local solves, one task each; the answer is the same for any number of workers.
         throw: False = return a failed Joint instead of raising SolveError.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for a range of durations, a criterion that is not additive over sensors, segments that do not divide the
     steps; UnobservableError, and SolveError where no path and schedule were found.
     """
@@ -67,13 +72,18 @@ def codesign(
     joint_problem = JointProblem(problem, segments, per_segment, tuple(rules), seed, rounds)
     start_time = perf_counter()
     apply: Callable[..., Any] = map if executor is None else executor.map
+    report = StageReport(_LOGGER, progress)
+    report("path first, and sensors first")
     one_sided = _one_sided_answers(joint_problem, starts, executor)
+    report("path and schedule in turn, from both")
     results = list(
         apply(alternate, [AlternationStart(joint_problem, answer.name, answer.pair) for answer in one_sided if answer.pair is not None])
     )
+    report(f"path and schedule at once, from these and from {starts} other paths")
     rounded_results = (
         list(apply(alternate, best_distinct(apply(round_relaxation, relaxations(joint_problem, results, starts))))) if results else []
     )
+    report("the best of all, with a proven schedule")
     joint = _build_joint(joint_problem, one_sided, results, rounded_results)
     joint = replace(joint, seconds=perf_counter() - start_time)
     if throw and not joint.status.has_answer:

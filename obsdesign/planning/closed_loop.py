@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from logging import getLogger
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,7 @@ from obsdesign.planning.plan import Plan
 from obsdesign.planning.planner import ITERATIONS, Planner
 from obsdesign.planning.shifted_path import Horizon
 from obsdesign.prior import Prior
+from obsdesign.progress import Progress, StageReport
 from obsdesign.status import Status
 
 
@@ -92,6 +94,8 @@ class _Simulation:
     realisation: _Realisation
 
 
+_LOGGER = getLogger(__name__)
+
 # step, belief after its samples, covariance before them -> inputs (m,)
 _Policy = Callable[[int, Belief, np.ndarray], np.ndarray]
 
@@ -109,6 +113,7 @@ def fly(
     truth: ArrayLike | None = None,
     horizon: Horizon = "receding",
     iterations: int = ITERATIONS,
+    progress: Progress | None = None,
 ) -> Flight:
     """Fly in simulation with the filter in the loop: a new plan again and again, from what the filter believes.
 
@@ -127,6 +132,7 @@ def fly(
         truth (n,): true initial state, in the units of the states; None = a draw from the prior.
         horizon: "receding" or "shrinking", as in Planner.
         iterations: of a plan after the first at most, as in Planner.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for values that do not fit, and what `Planner` raises; in flight nothing is raised.
     """
     steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
@@ -148,9 +154,11 @@ def fly(
         _draw_realisation(problem, prior, start, noise_root, steps, seed),
     )
     plans: list[Plan] = []
+    report = StageReport(_LOGGER, progress)
+    report("the flight with inputs in the middle of their ranges")
     mid_range = problem.grid.centre
     straight = _simulate_flight(simulation, lambda *_: mid_range)
-    flight = _simulate_flight(simulation, _planning_policy(planner, round(every / problem.step), deadline, plans))
+    flight = _simulate_flight(simulation, _planning_policy(planner, round(every / problem.step), deadline, plans, report))
     return replace(
         flight,
         statuses=tuple(plan.status for plan in plans),
@@ -180,9 +188,10 @@ def _draw_realisation(
     return _Realisation(random_start if start is None else start, process_noise, noise, is_sampled)
 
 
-def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan]) -> _Policy:
+def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan], report: StageReport) -> _Policy:
     def inputs(k: int, belief: Belief, predicted: np.ndarray) -> np.ndarray:
         if k % every == 0:
+            report(f"plan {len(plans) + 1}, at {k * planner.problem.step:g} s")
             information = np.linalg.inv(predicted)
             plans.append(planner.step(belief.mean[0], plans[-1] if plans else None, (information + information.T) / 2, deadline))
         return plans[-1].trajectory.u[min(k % every, plans[-1].trajectory.steps - 1)]

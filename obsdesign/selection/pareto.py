@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from logging import getLogger
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.errors import InputError
+from obsdesign.progress import Progress, StageReport
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.selection.build import build_problem
@@ -28,6 +30,7 @@ from obsdesign.selection.solver import solve_selection
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_LOGGER = getLogger(__name__)
 _MAX_BATCHES = 60  # of the branch and bound for each limit: a second or so
 _NO_LIMIT = 1e30  # a budget that nothing exceeds
 
@@ -87,6 +90,7 @@ def pareto(
     about: Sequence[int] | None = None,
     gap: float = 1e-4,
     seed: int = 0,
+    progress: Progress | None = None,
 ) -> Pareto:
     """Return the certified front of information against what a budget counts, from little to all that is of use.
 
@@ -105,6 +109,7 @@ def pareto(
         about: indices of the states that are judged; None = all.
         gap: how near to the best each schedule is to be proven.
         seed: seed of the search.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for the same reasons as select_sensors.
     """
     array = require_blocks(np.asarray(blocks), per_segment)
@@ -117,10 +122,13 @@ def pareto(
         all_rules = (replace(budget, limit=limit), *rules)
         return build_problem(array, per_segment, all_rules, criterion or MinEigenvalue(), 0, segments, known_information=known, about=about)
 
+    report = StageReport(_LOGGER, progress)
+    report("the best schedule without a limit")
     unlimited = with_limit(_NO_LIMIT)
     largest_spending = float(unlimited.usage(solve_selection(unlimited, tuple(rules), options, throw=True).chosen)[0])
     front_points: list[_FrontPoint] = []
     for limit in largest_spending * np.arange(points, 0, -1) / points:
+        report(f"the best schedule that spends at most {limit:.6g}")
         point = _solve_at_limit(with_limit, float(limit), options, front_points)
         if point is None:
             break  # and less is too little, too

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from logging import getLogger
 from time import perf_counter
 
 import numpy as np
@@ -14,6 +15,7 @@ from obsdesign.checks import require_count, require_positive
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError, SolveError
+from obsdesign.progress import Progress, StageReport
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.certificate import certify, failure_schedule, hidden_schedule, reject
@@ -46,6 +48,7 @@ from obsdesign.selection.relaxation.dual_interior_point import follow_central_pa
 from obsdesign.selection.schedule import Schedule, require_blocks
 from obsdesign.status import Status
 
+_LOGGER = getLogger(__name__)
 _MANY_STATES = 9  # from here on column generation takes more rounds than Newton's method in all
 _CENTRAL_PATH_GAP = 1e-5  # of the value: what is left to the rounding is a hundred times as much
 _OBSERVABLE_EIGENVALUE = 1e-9  # an eigenvalue, with all sensors' information about each state as unit, that a solver can tell from 0
@@ -67,6 +70,7 @@ def select_sensors(
     robust_to: int = 0,
     segments: Segments | None = None,
     throw: bool = True,
+    progress: Progress | None = None,
 ) -> Schedule:
     """Choose which sensors are on in which segment, with a proof of how good the choice is.
 
@@ -90,6 +94,7 @@ def select_sensors(
         robust_to: how many sensors may be lost, whichever they are: the value is that of the worst loss.
         segments: the names, times and places that rules speak of.
         throw: False = return the failed Schedule instead of raising SolveError.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for bad blocks and for rules that leave no choice, SolveError when no solver has an answer.
     Source: Brace and Morgansen, eq. (12), with the bounds of Lagrangian duality.
     """
@@ -105,7 +110,7 @@ def select_sensors(
     instance = build_problem(
         array, per_segment, rules, criterion or MinEigenvalue(), robust_to, segments, known_information=known, about=about
     )
-    return solve_selection(instance, rules, SelectionOptions(method, gap, time_limit, seed), throw)
+    return solve_selection(instance, rules, SelectionOptions(method, gap, time_limit, seed), throw, progress=progress)
 
 
 def without_sensors(instance: SelectionProblem, lost: tuple[int, ...]) -> SelectionProblem:
@@ -121,34 +126,43 @@ def solve_selection(
     options: SelectionOptions,
     throw: bool,
     initial_duals: tuple[Dual, ...] = (),
+    progress: Progress | None = None,
 ) -> Schedule:
     """Return the schedule of a problem; initial_duals: duals of a problem like it."""
-    start = perf_counter()
+    start, report = perf_counter(), StageReport(_LOGGER, progress)
     clock = Clock(start, np.inf if options.time_limit is None else start + options.time_limit)
     hidden = instance.hidden_directions(instance.schedules.available)
     if hidden.any():
         return hidden_schedule(instance, hidden, throw)
+    report("the relaxation")
     relaxation, notes = _relaxation(instance, options, initial_duals)
     if relaxation is None and not instance.criterion.is_smallest_eigenvalue:
         relaxation, notes = solve_regularised(instance, 1e-8), ()
     if relaxation is None:
         return _failure(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _is_observable(instance))
+    report("rounding and exchange")
     vertex = purify(instance, relaxation)
     incumbent = find_incumbent(instance, relaxation, vertex, options, clock)
     all_schedules = enumerable_problem(instance) if options.method == "auto" else None
     if all_schedules is not None:
+        report("all schedules that are in question")
         incumbent = enumerate_all(instance, relaxation, all_schedules, incumbent, options)
     elif options.method == "auto" and is_tractable(instance):
         cuts = options.time_limit is not None and is_integer_program(instance)
         clock = replace(clock, has_finisher=supports_best_first(instance) or cuts)
+        report("branch and bound near the best schedule")
         incumbent = search_neighbourhoods(instance, relaxation, incumbent, options, clock)
+        report("branch and bound")
         incumbent = prove_optimality(instance, relaxation, incumbent, options, clock)
         if supports_best_first(instance) and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
+            report("branch and bound, best first")
             incumbent = continue_best_first(instance, relaxation, incumbent, options, clock)
         if cuts and not is_gap_closed(incumbent.value, incumbent.bound, options.gap, instance):
+            report("an integer program")
             result = solve_by_cuts(instance, relaxation, (incumbent.chosen, incumbent.value), options.gap, clock.seconds_left)
             notes = (*notes, cut_note(result)) if result.bound < incumbent.bound else notes
             incumbent = Incumbent(result.chosen, result.value, min(incumbent.bound, result.bound), incumbent.nodes)
+    _LOGGER.debug("value %.9g, bound %.9g, %d partial schedules", incumbent.value, incumbent.bound, incumbent.nodes)
     _require_information(instance, rules, incumbent)
     if not np.isfinite(incumbent.value):
         return _failure(instance, throw, all_schedules is not None or incumbent.bound == -np.inf or not _is_observable(instance))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import combinations
+from logging import getLogger
 from time import perf_counter
 
 from obsdesign.analysis.query import observability_of
@@ -18,6 +19,7 @@ from obsdesign.estimation.validation import validate
 from obsdesign.joint.joint_solver import codesign
 from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight, fly
+from obsdesign.progress import Progress, StageReport
 from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
 from obsdesign.study.candidate_paths import candidate_of, candidates_of
 from obsdesign.study.problem import problem_along, problem_of, scenario_paths, start_of
@@ -25,7 +27,7 @@ from obsdesign.study.record import CHOSEN, Analysis, Candidate, FilterCheck, Sel
 from obsdesign.study.schedules import select
 from obsdesign.trajectory import Trajectory
 
-Progress = Callable[[str], None]
+_LOGGER = getLogger(__name__)
 
 
 @validate_arguments
@@ -36,7 +38,7 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
         scenario: what is asked, as load_scenario returns it.
         seed: seed of everything that is drawn; None = the scenario's.
         executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
-        progress: is called with what is being done; None = nobody is told.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises UnobservableError when no path can make the state visible, SolveError when a solver fails or no path satisfies the
     limits, InputError for a scenario whose values do not fit together.
     """
@@ -49,19 +51,22 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     analyses = analyse(scenario, seed)
     design = scenario.design
     stage("analyse", f"How? {design.starts} starts for each of {len(problems)} suites, and the best weave")
-    designs = tuple(design_trajectory(problem, design.starts, seed, executor, evidence=design.evidence) for problem in problems)
+    designs = tuple(
+        design_trajectory(problem, design.starts, seed, executor, evidence=design.evidence, progress=stage.report.within)
+        for problem in problems
+    )
     weave, candidates = candidates_of(scenario, designs)
     designed_path = next(candidate for candidate in candidates if candidate.name == DESIGNED)
     segments, sensors = len(designed_path.nodes) - 1, len(scenario.sensors)
     stage("design", f"Which? {segments} segments, {scenario.selection.per_segment} of {sensors} sensors on")
-    selection = select(scenario, designed_path, designs[0].problem, seed)
+    selection = select(scenario, designed_path, designs[0].problem, seed, stage.report.within)
     stage("select", "" if scenario.codesign is None else "Together? Path and schedule at once")
-    joint = _codesign(scenario, problems[0], seed, executor)
+    joint = _codesign(scenario, problems[0], seed, executor, stage.report.within)
     stage("codesign" if joint is not None else "", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
     cases = tuple(next(candidate for candidate in candidates if candidate.name == name) for name in (DESIGNED, baseline_of(scenario)))
-    checks = tuple(_checks(scenario, cases, selection, seed, executor))
+    checks = tuple(_checks(scenario, cases, selection, seed, executor, stage.report.within))
     stage("validate", "" if scenario.flight is None else f"In flight? A new plan every {scenario.flight.every:g} s")
-    flight = _flight(scenario, problems[0], seed)
+    flight = _flight(scenario, problems[0], seed, stage.report.within)
     stage("fly" if flight is not None else "", "")
     return Study(scenario, seed, analyses, problems, designs, weave, candidates, selection, checks, stage.seconds, flight, joint)
 
@@ -70,7 +75,7 @@ class _Stages:
     """Tells of each stage when it begins, and keeps how long each took."""
 
     def __init__(self, progress: Progress | None) -> None:
-        self._report = progress or (lambda _: None)
+        self.report = StageReport(_LOGGER, progress)
         self._start = perf_counter()
         self.seconds: dict[str, float] = {}
 
@@ -79,7 +84,7 @@ class _Stages:
             self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - self._start
         self._start = perf_counter()
         if what:
-            self._report(what)
+            self.report(what)
 
 
 def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progress: Progress | None) -> Study:
@@ -97,9 +102,9 @@ def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progres
             "",
             f"Which? {case.name}: {len(case.nodes) - 1} segments, {scenario.selection.per_segment} of {len(scenario.sensors)} sensors on",
         )
-        selection = select(scenario, case, problems[0], seed)
+        selection = select(scenario, case, problems[0], seed, stage.report.within)
         stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 2 cases")
-        checks = tuple(_checks(scenario, (case,), selection, seed, executor))
+        checks = tuple(_checks(scenario, (case,), selection, seed, executor, stage.report.within))
         stage("validate", "")
         studies.append(Study(scenario, seed, analyses, problems, (), None, candidates, selection, checks, stage.seconds, about=case.name))
     return replace(studies[0], others=tuple(studies[1:]))
@@ -134,16 +139,23 @@ def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
     )
 
 
-def _codesign(scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None) -> Joint | None:
+def _codesign(scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None, progress: Progress | None) -> Joint | None:
     settings, selection = scenario.codesign, scenario.selection
     if settings is None:
         return None
     return codesign(
-        problem, scenario.segments, selection.per_segment, selection.rules, starts=settings.starts, seed=seed, executor=executor
+        problem,
+        scenario.segments,
+        selection.per_segment,
+        selection.rules,
+        starts=settings.starts,
+        seed=seed,
+        executor=executor,
+        progress=progress,
     )
 
 
-def _flight(scenario: Scenario, problem: DesignProblem, seed: int) -> Flight | None:
+def _flight(scenario: Scenario, problem: DesignProblem, seed: int, progress: Progress | None) -> Flight | None:
     settings = scenario.flight
     if settings is None:
         return None
@@ -155,11 +167,17 @@ def _flight(scenario: Scenario, problem: DesignProblem, seed: int) -> Flight | N
         disturbance_psd=scenario.disturbance_psd,
         seed=seed,
         horizon=settings.horizon,
+        progress=progress,
     )
 
 
 def _checks(
-    scenario: Scenario, cases: tuple[Candidate, ...], selection: Selection, seed: int, executor: Executor | None
+    scenario: Scenario,
+    cases: tuple[Candidate, ...],
+    selection: Selection,
+    seed: int,
+    executor: Executor | None,
+    progress: Progress | None,
 ) -> Iterator[FilterCheck]:
     """Filter runs on each path, with the chosen schedule and with the naive one."""
     schedules = {CHOSEN: selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
@@ -174,5 +192,6 @@ def _checks(
                 seed=seed,
                 executor=executor,
                 disturbance_psd=scenario.disturbance_psd,
+                progress=progress,
             )
             yield FilterCheck(case.name, name, chosen, validation)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from obsdesign.design.problem import DesignProblem
+from obsdesign.progress import Progress
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.scenario.schema import Scenario
@@ -33,13 +34,21 @@ def segments_of(scenario: Scenario, path: Trajectory, nodes: np.ndarray) -> Segm
     return Segments(scenario.sensor_names, len(nodes) - 1, path.t[nodes], tracks)
 
 
-def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, seed: int) -> Selection:
+def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, seed: int, progress: Progress | None = None) -> Selection:
     """Choose the sensors along a path, and rate the naive schedules."""
     blocks, settings, criterion = problem.scaled(candidate.blocks), scenario.selection, scenario.schedule_criterion
     segments = segments_of(scenario, candidate.path, candidate.nodes)
     (K, S), m, rules = blocks.shape[:2], settings.per_segment, settings.rules
     schedule = select_sensors(
-        blocks, m, rules=rules, criterion=criterion, gap=settings.gap, seed=seed, robust_to=settings.robust_to, segments=segments
+        blocks,
+        m,
+        rules=rules,
+        criterion=criterion,
+        gap=settings.gap,
+        seed=seed,
+        robust_to=settings.robust_to,
+        segments=segments,
+        progress=progress,
     )
     instance = build_problem(blocks, m, rules, criterion, settings.robust_to, segments)
     naive = scenario.naive_sensors
@@ -58,7 +67,7 @@ def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, see
             ]
         ),
         losses=losses,
-        pareto=_pareto_front(scenario, blocks, segments, seed) if settings.pareto else None,
+        pareto=_pareto_front(scenario, blocks, segments, seed, progress) if settings.pareto else None,
         exact=_exact_value(candidate, problem, instance, schedule),
     )
 
@@ -115,7 +124,7 @@ def _random_schedules(instance: SelectionProblem, per_segment: int, under_rules:
                 break
 
 
-def _pareto_front(scenario: Scenario, blocks: np.ndarray, segments: Segments, seed: int) -> Pareto:
+def _pareto_front(scenario: Scenario, blocks: np.ndarray, segments: Segments, seed: int, progress: Progress | None) -> Pareto:
     """Information against what the energy budget counts, within the other rules."""
     settings = scenario.selection
     (budget,) = (rule for rule in settings.rules if isinstance(rule, EnergyBudget))
@@ -129,4 +138,5 @@ def _pareto_front(scenario: Scenario, blocks: np.ndarray, segments: Segments, se
         criterion=scenario.schedule_criterion,
         segments=segments,
         seed=seed,
+        progress=progress,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from logging import getLogger
 from time import perf_counter
 
 import numpy as np
@@ -18,6 +19,7 @@ from obsdesign.design.sqp.solver_state import SolverState, WarmStart, initial_st
 from obsdesign.design.sqp.trial_step import best_trial, escape_saddle
 from obsdesign.status import Status
 
+_LOGGER = getLogger(__name__)
 MAX_ITERATIONS = 150  # work, not seconds, decides when a solve is given up
 TOLERANCE = 1e-8  # reduction that a model must predict, in units of the merit
 _MAX_RADIUS, _MIN_RADIUS = 1.0, 1e-9  # of the trust region, in widths of the box
@@ -90,6 +92,8 @@ def solve(
         iterations += 1
         outcome = _take_step(merit_function, state, stopping.tolerance)
         state = outcome.state
+        iterate = state.iterate
+        _LOGGER.debug("iteration %d: merit %.9g, violation %.2g, radius %.2g", iterations, iterate.merit, iterate.violation, state.radius)
         if not outcome.is_better:
             if state.iterate.violation > _VIOLATION_TOLERANCE and state.scaling.penalty < MAX_PENALTY:
                 state = raise_penalty(merit_function, state)

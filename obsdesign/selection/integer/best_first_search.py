@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from logging import getLogger
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from obsdesign.selection.pricing.abstract import AbstractSeparateSchedules
 from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution
 
+_LOGGER = getLogger(__name__)
 _WIDTH = 128  # partial schedules that are branched on at a time
 _STEPS = 5  # of Newton's method for each branch
 _ROOT_STEPS = 20  # of Newton's method at the root for each corner, made once: what is left of the gap there, every branch has to close
@@ -103,6 +105,7 @@ def search_best_first(
             count += len(children.bound)
             is_complete = (children.allowed.sum(axis=2) == 1).all(axis=1)
             chosen, value = _improve_incumbent(instance, reduced, relaxation, (chosen, value), steps, is_complete)
+            _LOGGER.debug("%d partial schedules so far, best value %.9g, bound %.9g", count, value, unit * float(nodes.bound[order[0]]))
             nodes = nodes.subset(order[_WIDTH:]).concatenate(children.subset(~is_complete))
     except np.linalg.LinAlgError:  # as far as double precision goes
         return TreeResult(chosen, value, relaxation.bound, 0, count, False)

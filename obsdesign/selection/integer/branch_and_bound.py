@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from logging import getLogger
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.relaxation.column import Column
 from obsdesign.selection.relaxation.column_generation import RelaxedSolution, gap_scale, solve_relaxation
 
+_LOGGER = getLogger(__name__)
 _BATCH_SIZE = 1024  # partial schedules that are taken further at a time
 _DUALS_PER_BATCH = 24  # duals that bound each of them ...
 _NEW_DUALS = 8  # ... of which so many are made for the front
@@ -120,6 +122,7 @@ def explore_tree(
             batches += 1
         children, child_count = _branch_batch(instance, batch, influence, cutoff_value)
         nodes += child_count
+        _LOGGER.debug("front %d: %d partial schedules, best value %.9g", batches, len(batch.bound), value)
         fathomed += batch.tree_share - sum(child.tree_share for child in children)
         stack += children
         early_fathomed = fathomed if batches <= _EARLY_BATCHES else early_fathomed
