@@ -15,6 +15,7 @@ from conftest import ROOT, obsdesign
 
 import obsdesign as od
 import obsdesign.rules as rule_family
+from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.exchange.trajectory_csv import read_trajectory_csv, trajectory_csv
 from obsdesign.families import kinds
 from obsdesign.report.document import Result
@@ -24,7 +25,7 @@ from obsdesign.report.sections.schedule import count_proven_decisions, losses_ta
 from obsdesign.report.sections.whereabouts import segment_traits, usage_in_words
 from obsdesign.report.to_document import document_of
 from obsdesign.study.runner import run, select_along
-from obsdesign.study.schedules import rule_violations, segments_of
+from obsdesign.study.schedules import rule_violations
 
 FLOAT = """
 title = "Float <in> a current"
@@ -270,7 +271,8 @@ def test_the_schedules_of_given_paths_are_the_best_of_all(plain):
 def test_the_schedules_under_rules_are_the_best_that_keep_them(ruled):
     rules = ruled.scenario.selection.rules
     for each in ruled.each:
-        blocks, segments = ruled.problem.scaled(each.main.blocks), segments_of(ruled.scenario, each.main.path, each.main.nodes)
+        blocks = ruled.problem.scaled(each.main.blocks)
+        segments = segments_along(ruled.scenario.system.model, each.main.path, each.main.nodes)
         schedule = each.selection.schedule
         assert rule_violations(rules, segments, schedule.chosen) == ()
         random = np.random.default_rng(0)
@@ -283,7 +285,7 @@ def test_the_schedules_under_rules_are_the_best_that_keep_them(ruled):
 
 def test_segments_know_names_times_and_places(ruled):
     path, nodes = ruled.main.path, ruled.main.nodes
-    segments = segments_of(ruled.scenario, path, nodes)
+    segments = segments_along(ruled.scenario.system.model, path, nodes)
     assert (segments.names, segments.count) == (("gps", "magnetometer", "bearing", "array"), 6)
     assert segments.t.tolist() == [0, 5, 10, 15, 20, 25, 30]
     assert [len(track) for track in segments.tracks] == [6] * 6  # both ends of a segment belong to it
@@ -291,7 +293,7 @@ def test_segments_know_names_times_and_places(ruled):
 
 
 def test_rules_that_a_schedule_breaks_are_named(ruled):
-    segments = segments_of(ruled.scenario, ruled.main.path, ruled.main.nodes)
+    segments = segments_along(ruled.scenario.system.model, ruled.main.path, ruled.main.nodes)
     nothing = np.zeros((6, 4), dtype=bool)
 
     def on(*places):

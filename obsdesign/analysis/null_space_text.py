@@ -73,4 +73,4 @@ def _amount(value: float, signal: Signal) -> str:
 
 def _display_unit(signal: Signal) -> tuple[float, str]:
     """Return (factor, unit) in which people read the signal: angles in degrees."""
-    return (180 / np.pi, "deg") if signal.is_angle else (1.0, signal.unit)
+    return signal.display_unit if signal.is_angle else (1.0, signal.unit)

@@ -15,7 +15,7 @@ import numpy as np
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError
 from obsdesign.exchange._input_recovery import recover_inputs
-from obsdesign.signals import Signal
+from obsdesign.signals import RADIANS_PER_DEGREE, Signal
 from obsdesign.trajectory import Trajectory
 
 TIME = Signal("t", "s")
@@ -122,7 +122,7 @@ def _factor(file: Path, index: int, signal: Signal, unit: str) -> float:
     if unit in ("", signal.unit) or (unit == "-" and not signal.unit):
         return 1.0
     if unit == signal.unit.replace("rad", "deg"):
-        return math.pi / 180
+        return RADIANS_PER_DEGREE
     degrees = f" or {signal.unit.replace('rad', 'deg')}" if "rad" in signal.unit else ""
     raise InputError(f"{file}, line 1, column {index + 1}: {signal.name} is in {unit!r}: must be in {signal.unit or 'no unit'}{degrees}")
 

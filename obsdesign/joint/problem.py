@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from obsdesign.checks import require_count, require_divisor
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem import DesignProblem
+from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.errors import InputError
 from obsdesign.information.accumulation import segment_information
 from obsdesign.rules.abstract import AbstractRule, Segments
@@ -76,12 +76,7 @@ class JointProblem:
 
     def rule_segments(self, path: Trajectory) -> Segments:
         """Return what rules know of a path: names, times and places."""
-        nodes = np.arange(self.segments + 1) * (path.steps // self.segments)
-        model, tracks = self.problem.system.model, None
-        if {"x", "y"} <= set(model.state_names):
-            positions = path.x[:, list(self.problem.position)]
-            tracks = tuple(positions[first : last + 1] for first, last in pairwise(nodes))
-        return Segments(model.sensor_names, self.segments, path.t[nodes], tracks)
+        return segments_along(self.problem.system.model, path, np.arange(self.segments + 1) * (path.steps // self.segments))
 
     def allows(self, path: Trajectory, chosen: np.ndarray) -> bool:
         """Whether a schedule that keeps the rules on another path does so on this one: only where sensors work depends on that."""

@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 import re
 
-import numpy as np
-
 from obsdesign.signals import Signal
 
 NARROW = "\u202f"  # narrow no-break space
 MINUS = "\u2212"
 NOTHING = "\u2013"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_DEGREES = {"rad": "deg", "rad/s": "deg/s"}
 
 
 def numeral(value: float, digits: int = 3) -> str:
@@ -49,7 +46,7 @@ def with_unit(value: float, signal: Signal) -> str:
 
 def display_unit(signal: Signal) -> tuple[float, str]:
     """Return (factor, unit) in which people read a signal: degrees instead of radians."""
-    return (180 / np.pi, _DEGREES[signal.unit]) if signal.unit in _DEGREES else (1.0, signal.unit)
+    return signal.display_unit
 
 
 def typeset(text: str) -> str:

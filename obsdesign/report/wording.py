@@ -8,6 +8,7 @@ from obsdesign.report import derived_quantities as facts
 from obsdesign.report.names import criterion_name, path_in_words
 from obsdesign.report.number_format import NARROW, join, numeral, percent, plain, typeset, with_unit
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
+from obsdesign.signals import DEGREES_PER_RADIAN
 from obsdesign.study.record import FilterCheck, Study
 
 _FEW = 2  # manoeuvres that are told one by one
@@ -157,7 +158,7 @@ def weave_in_words(study: Study) -> str:
         return "The vehicle has no turn rate: there is no weave to compare with."
     if weave is None:
         return "No weave meets the same limits: there is none to compare with."
-    degrees, side = 180 / np.pi, "left" if weave.side > 0 else "right"
+    degrees, side = DEGREES_PER_RADIAN, "left" if weave.side > 0 else "right"
     return (
         f"The weave turns by {numeral(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
         f"±{numeral(weave.swing * degrees)}{NARROW}deg with a period of {numeral(weave.period)}{NARROW}s, {side} first; "

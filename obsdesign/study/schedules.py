@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from obsdesign.design.problem import DesignProblem
+from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.progress import Progress
 from obsdesign.rules.abstract import AbstractRule, Segments
 from obsdesign.rules.energy_budget import EnergyBudget
@@ -20,24 +20,15 @@ from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.sensor_loss import sensor_losses
 from obsdesign.selection.solver import select_sensors
 from obsdesign.study.record import Candidate, RivalSchedule, Selection
-from obsdesign.trajectory import Trajectory
 
 RANDOM_SCHEDULES = 1000  # the share of them that is better has a standard error of at most sqrt(1 / 4000) = 1.6 %
 _RANDOM_UNDER_RULES = 200  # each takes a search of its own
 
 
-def segments_of(scenario: Scenario, path: Trajectory, nodes: np.ndarray) -> Segments:
-    """Return what rules know of the segments of a path between nodes (K+1,): names, times, and positions where the vehicle has any."""
-    states = scenario.state_names
-    columns = [states.index(name) for name in ("x", "y") if name in states]
-    tracks = tuple(path.x[first : last + 1, columns] for first, last in pairwise(nodes)) if len(columns) == 2 else None
-    return Segments(scenario.sensor_names, len(nodes) - 1, path.t[nodes], tracks)
-
-
 def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, seed: int, progress: Progress | None = None) -> Selection:
     """Choose the sensors along a path, and rate the naive schedules."""
     blocks, settings, criterion = problem.scaled(candidate.blocks), scenario.selection, scenario.schedule_criterion
-    segments = segments_of(scenario, candidate.path, candidate.nodes)
+    segments = segments_along(scenario.system.model, candidate.path, candidate.nodes)
     (K, S), m, rules = blocks.shape[:2], settings.per_segment, settings.rules
     schedule = select_sensors(
         blocks,

@@ -6,11 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.report.derived_quantities import drawing_suffix
 from obsdesign.report.figures._drawing import BLUE, INK, VERMILLION, inline_svg, legend_below, light_grid
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.study.record import Study
-from obsdesign.study.schedules import segments_of
 
 _POINTS = 200  # of a line that is straight between few corners: more of them make sharper corners and a larger page
 
@@ -48,7 +48,7 @@ def front_figure(study: Study) -> str:
 def _spending(study: Study) -> tuple[float, float]:
     """What the chosen schedule spends, and what it may spend."""
     budget = next(rule for rule in study.scenario.selection.rules if isinstance(rule, EnergyBudget))
-    resource = budget.terms(segments_of(study.scenario, study.main.path, study.main.nodes)).resource
+    resource = budget.terms(segments_along(study.scenario.system.model, study.main.path, study.main.nodes)).resource
     chosen = study.selection.schedule.chosen
     if resource is None:
         return float("nan"), budget.limit
