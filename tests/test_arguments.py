@@ -166,6 +166,8 @@ def test_wrong_arguments_are_refused_by_name_or_accepted(name: str) -> None:
     for parameter in inspect.signature(public).parameters:
         # what runs a whole study or design when it accepts is given fewer
         for wrong in WRONG[::5] if name in ("fly", "codesign", "design_trajectory") else WRONG:
+            if parameter == "progress" and callable(wrong):  # what a caller's own function raises is the caller's
+                continue
             try:
                 public(**{**accepted, parameter: wrong})
             except od.ObsdesignError as error:

@@ -448,7 +448,8 @@ def test_the_truth_of_a_flight_moves_as_the_pendulum_does():
     problem = od.DesignProblem(
         system=swinging(), start=(0.0, 0.0), duration=1.0, step=0.2, path=od.PiecewiseConstant(1), bounds=bounds, scale=(1.0, 10.0)
     )
-    world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), MeasurementNoise(np.zeros((5, 1)), np.zeros(1)), np.zeros((5, 1), dtype=bool))
+    still = MeasurementNoise(np.zeros((5, 1)), np.zeros(1))
+    world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), still, np.zeros((5, 1), dtype=bool))
     estimator = ExtendedKalmanFilter(problem.system, problem.step, np.zeros((2, 2)))
     scene = flight._Simulation(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
     flown = flight._simulate_flight(scene, lambda *_: np.zeros(1))
