@@ -64,6 +64,7 @@ def validate_arguments(public: Public) -> Public:
 
     @wraps(public)
     def wrapper(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401  # those of the function
+        """Validate the arguments, then call."""
         require("", arguments, named)
         return public(*arguments, **named)
 
@@ -75,6 +76,7 @@ def _validating_constructor(constructor: Callable[..., None], record: type) -> C
 
     @wraps(constructor)
     def wrapper(self: object, *arguments: Any, **named: Any) -> None:  # noqa: ANN401  # those of the constructor
+        """Validate the arguments, then call."""
         try:
             constructor(self, *arguments, **named)
         except ObsdesignError:
@@ -93,10 +95,12 @@ def _requirement(function: Callable[..., Any], public: Callable[..., Any]) -> Ca
 
     @cache
     def kinds() -> tuple[dict[str, Kind], tuple[Callable[[Any], bool], ...]]:  # when first called: annotations may name what comes later
+        """Return the kinds of the arguments, by name and in order."""
         kinds_by_name = {name: kind_of(hint) for name, hint in _hints(function, public)}
         return kinds_by_name, tuple(kinds_by_name.get(name, _ANYTHING).test for name in names)
 
     def require(prefix: str, arguments: tuple[Any, ...], named: dict[str, Any]) -> None:
+        """Raise InputError for the first argument that is not of its kind."""
         kinds_by_name, tests = kinds()
         for i, (test, value) in enumerate(zip(tests, arguments, strict=False)):
             if not test(value):
@@ -236,6 +240,7 @@ def _is_row(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
 
 def _row(kind: Kind) -> Kind:
     def parts(value: Any) -> Iterator[Part]:  # noqa: ANN401  # a row
+        """Return the parts that are judged one by one."""
         return ((f"[{i}]", part, kind) for i, part in enumerate(value))
 
     return Kind(_is_row, f"a tuple or list, each entry {kind.accepted}", parts)
@@ -243,6 +248,7 @@ def _row(kind: Kind) -> Kind:
 
 def _row_of_length(kinds: Sequence[Kind]) -> Kind:
     def parts(value: Any) -> Iterator[Part]:  # noqa: ANN401  # a row
+        """Return the parts that are judged one by one."""
         return ((f"[{i}]", part, kind) for i, (part, kind) in enumerate(zip(value, kinds, strict=True)))
 
     accepted = " and ".join(kind.accepted for kind in kinds) if len({kind.accepted for kind in kinds}) > 1 else f"each {kinds[0].accepted}"
@@ -251,6 +257,7 @@ def _row_of_length(kinds: Sequence[Kind]) -> Kind:
 
 def _table(key: Kind, value: Kind) -> Kind:
     def parts(table: Mapping[Any, Any]) -> Iterator[Part]:
+        """Return the parts that are judged one by one."""
         for name, part in table.items():
             yield f": the key {name!r}", name, key
             yield f"[{name!r}]", part, value
@@ -269,6 +276,7 @@ def _one_of(kinds: Sequence[Kind]) -> Kind:
         others = [kind for kind in kinds if kind is not only]
 
         def parts(value: Any) -> Iterator[Part]:  # noqa: ANN401  # whatever a caller gave
+            """Return the parts that are judged one by one."""
             return iter(()) if any(kind.accepts(value) for kind in others) else (only.parts or (lambda _: iter(())))(value)
 
         return Kind(lambda value: any(kind.passes(value) for kind in kinds), accepted, parts)
@@ -285,6 +293,7 @@ def _instance_of(family: type) -> Kind:
     accepted_types: set[type] = set()  # classes of values that were accepted: an abstract base takes long to tell
 
     def passes(value: Any) -> bool:  # noqa: ANN401  # whatever a caller gave
+        """Return whether it is of the family, at once where its class was met before."""
         return type(value) in accepted_types or (isinstance(value, family) and not accepted_types.add(type(value)))
 
     return Kind(passes, accepted)

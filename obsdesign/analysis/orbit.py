@@ -47,6 +47,7 @@ def rank_along_orbit(
     experiments = Experiments(equations, EvaluationPoint(tuple(state), precisions=(_BITS,)), order, count, seed)
 
     def rows_at_start() -> list[list[arb]]:
+        """Return J about the start of the orbit, at the working precision."""
         return (arb_mat(experiments.rows()) * transition).tolist()
 
     try:
@@ -63,6 +64,7 @@ def _taylor_step(equations: Equations, state: Sequence[arb], seed: str) -> tuple
     flow = equations.flow
 
     def arguments(x: Sequence[arb]) -> FlowArguments:
+        """Return the arguments of the flow from x, its inputs constant."""
         return FlowArguments(x, [[value[0], *[arb(0)] * (_TERMS + 1)] for value in inputs], [], constants)
 
     step = _power_of_2(min((_step_size(series) for series in flow.solution(BALLS, arguments(state), _TERMS)), default=arb(1)))

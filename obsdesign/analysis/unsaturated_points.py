@@ -37,6 +37,7 @@ def desaturate(equations: Equations, point: EvaluationPoint) -> EvaluationPoint:
     functions = (equations.symbols_used.steepness, equations.all_expressions)
 
     def excess(states: np.ndarray) -> np.ndarray:
+        """Return how far functions are saturated at states (k, n)."""
         return _excess(functions, states, constants)
 
     state = np.array([float(value) for value in point.state])

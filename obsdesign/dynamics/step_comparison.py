@@ -189,6 +189,7 @@ def _pair(model: Model, exact_length: float | None) -> _StepPair:
     start, finer_start = (ca.if_else(is_given, given_state, state) for state in (x, x_finer))
 
     def augment_step(function: ca.Function, *arguments: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return the next state, its Jacobian, and the effect of unknown inputs as columns beside n of zeros."""
         x_next, F, B_w = function(*arguments)
         return x_next, F, ca.horzcat(ca.SX(n, n), B_w)
 
@@ -269,6 +270,7 @@ def _comparison_scan(model: Model, exact_length: float | None, with_rounding: bo
     growth_next = ca.fmax(growth, ca.if_else(is_alive_next, grown, 0))
 
     def worst_error(previous: ca.SX, allowed: ca.SX, allowed_Phi: ca.SX) -> ca.SX:
+        """Return the largest error so far, in allowances, counted at the last sub-step."""
         current = ca.fmax(ca.mmax(error / allowed), ca.if_else(is_alive_next, ca.mmax(error_Phi / allowed_Phi), 0))
         return ca.fmax(previous, ca.if_else(is_last, current, 0))
 

@@ -45,6 +45,7 @@ def _gauss_newton(system: AbstractSystem, x: np.ndarray, dt: float, substeps: in
     all_steps, u = step_function.map(steps), np.zeros((steps, m))
 
     def evaluate() -> tuple[np.ndarray, np.ndarray]:
+        """Return by how much each next state is missed (N, n), and its derivatives (n, N, m)."""
         after, slopes = (np.array(value) for value in all_steps(x[:-1].T, u.T))
         return wrap_columns(x[1:] - after.T, angles), slopes.reshape(n, steps, m).transpose(1, 0, 2)
 

@@ -101,6 +101,7 @@ def _perturb_operations(symbols: list[ca.SX], expression: ca.SX, coordinates: di
     thetas, work, constants, result = [*theta_of_number.values()], {}, {}, {}
 
     def factor_of(source: int, exponent: bool) -> ca.SX:
+        """Return an operand, a constant perturbed by its own rounding."""
         theta = None if exponent else theta_of_number.get(constants[source])
         return work[source] if theta is None else work[source] * (1 + coordinates.get(abs(constants[source]), 1.0) * theta)
 

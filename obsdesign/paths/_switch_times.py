@@ -103,9 +103,11 @@ def _coordinate_descent(level: _Level, times: np.ndarray, starts: list[np.ndarra
     products, along, jumps = a @ a.T, a @ (level.target - level.values[0]), level.jumps
 
     def squares(at: list[int]) -> float:
+        """Return the sum of squares for switches at nodes `at`, but for a constant."""
         return float(jumps @ products[np.ix_(at, at)] @ jumps - 2 * jumps @ along[at])
 
     def descend(at: list[int]) -> list[int]:
+        """Return nodes from which moving one switch, or a pair, is no gain."""
         for _ in range(_SWEEPS):
             before = list(at)
             for i in range(max(len(at) - 1, 1)):

@@ -190,6 +190,7 @@ def _draw_realisation(
 
 def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan], report: StageReport) -> _Policy:
     def inputs(k: int, belief: Belief, predicted: np.ndarray) -> np.ndarray:
+        """Return the inputs of step k of the plan in force."""
         if k % every == 0:
             report(f"plan {len(plans) + 1}, at {k * planner.problem.step:g} s")
             information = np.linalg.inv(predicted)

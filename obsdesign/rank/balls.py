@@ -92,6 +92,7 @@ def _by_method(name: str) -> Callable[[Ball], Ball]:
     scalar, series = getattr(arb, name), getattr(arb_series, name, None)
 
     def function(a: Ball) -> Ball:
+        """Return the function of a ball, or of a series of balls."""
         if isinstance(a, arb):
             return scalar(a)
         if series is None:

@@ -221,6 +221,7 @@ class ResidueOperations:
     @staticmethod
     def _odd_function(what: str, divisor: Callable[[Residue], Residue]) -> Callable[[Residue], Residue]:
         def function(a: Residue) -> Residue:
+            """Return the odd function of a residue, or of a series of residues."""
             start, size = nmod(odd_symbol(what, _constant_term(a)), PRIME), divisor(a)  # raises where there is no smooth value
             return start if _is_constant(a) else start + _integral_quotient(a, size)
 

@@ -55,9 +55,11 @@ def function_arguments(steps: Sequence[Instruction], symbols: tuple[ca.SX, ca.SX
     steep_arguments: list[ca.SX] = []
 
     def recording_operation(operation: int):  # noqa: ANN202  # an operation of a ring
+        """Return the operation, which also records what its arguments are."""
         node = NodeOperation(operation)
 
         def apply(*arguments: ca.SX) -> ca.SX:
+            """Record the arguments and return the result."""
             entries.extend(_entries(operation, arguments))
             steep_arguments.extend(_steep(operation, arguments))
             return node(*arguments)

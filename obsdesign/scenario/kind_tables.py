@@ -33,9 +33,11 @@ def family_of(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run
     rules = package is obsdesign.rules
 
     def kind_of(table: Any) -> str | None:  # noqa: ANN401
+        """Return the kind that a table names."""
         return table.get("kind") if isinstance(table, dict) else None
 
     def without_kind(table: dict[str, Any]) -> dict[str, Any]:
+        """Return the table's other keys, lists as tuples."""
         return {key: _tuples(value, tables=rules) for key, value in table.items() if key != "kind"}
 
     members = [
@@ -49,6 +51,7 @@ def flat_table(amount_key: str) -> tuple[Any, ...]:
     """Return what reads a table of a cost's keys and `amount_key` into one of `cost` and `amount_key`."""
 
     def split(table: Any) -> Any:  # noqa: ANN401
+        """Return the cost's keys in a table of their own, beside the amount."""
         if not isinstance(table, dict):
             return table
         return {key: table[key] for key in (amount_key,) if key in table} | {

@@ -108,6 +108,7 @@ def _mean_rate(model: Model, cost: AbstractCost, step: float, substeps: int) -> 
     h, x, total = step / substeps, model.x, ca.SX(0)
 
     def advance(begin: ca.SX, seconds: float) -> ca.SX:
+        """Return the state `seconds` after `begin`, by one step of RK4."""
         return rk4(lambda x: ca.SX(drift(x, model.u)), begin, seconds)
 
     for _ in range(substeps):
