@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 import obsdesign as od
-from obsdesign.report.figures.eigenvectors import Panel, eigenvectors_picture
+from obsdesign.report.figures._drawing import inline_svg
+from obsdesign.report.figures.eigenvector_panels import Panel, draw_panels
 
 ROOT = Path(__file__).parent.parent
 
@@ -32,7 +33,8 @@ def line_and_circle() -> str:
         path = od.simulate(system, (0.0, 0.0, 0.5, 2.0, -1.0), np.full(200, turn_rate), 0.1)
         values, vectors = np.linalg.eigh(scale @ od.variational_gramian(system, path).total @ scale)
         panels.append(Panel(title, np.where(values < 1e-12 * values[-1], 0.0, values), vectors))
-    return eigenvectors_picture(panels, system.model.state_names)
+    figure = draw_panels(panels, system.model.state_names)
+    return inline_svg(figure, "eigenvectors", "Components of the eigenvectors of the information matrix")
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ RETURNED = (
         "Violation",
         "ViolationKind",
     ),
-    *("Study", "UnobservableError", "Validation", "Verdict"),
+    *("Study", "UnobservableError", "Validation", "Verdict", "figures"),
 )
 
 

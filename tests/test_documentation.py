@@ -69,9 +69,14 @@ def annotations(public: object) -> dict[str, str]:
     return {name: str(argument.annotation) for name, argument in inspect.signature(public).parameters.items()}
 
 
-@pytest.mark.parametrize("name", [name for name in od.__all__ if not name.startswith("_")])
+# a figure is told of as a function is
+PUBLIC = {name: getattr(od, name) for name in od.__all__ if not name.startswith("_") and name != "figures"}
+PUBLIC |= {f"figures.{name}": getattr(od.figures, name) for name in od.figures.__all__}
+
+
+@pytest.mark.parametrize("name", PUBLIC)
 def test_every_argument_and_field_is_explained(name):
-    public = getattr(od, name)
+    public = PUBLIC[name]
     summary = (public.__doc__ or "").partition("\n")[0]
     assert summary.endswith(".") or summary.endswith(":")  # a sentence, not what dataclasses write where nothing is said
     if isinstance(public, type) and issubclass(public, Enum | BaseException):
@@ -86,8 +91,7 @@ def test_every_argument_and_field_is_explained(name):
 
 def test_the_list_of_arguments_names_no_others():
     wrong = {}
-    for name in od.__all__:
-        public = getattr(od, name)
+    for name, public in PUBLIC.items():
         if callable(public) and not (isinstance(public, type) and issubclass(public, Enum | BaseException)):
             accepted = {*inspect.signature(public).parameters, *annotations(public)}
             wrong[name] = sorted(set(list_of_arguments(inspect.getdoc(public) or "")) - accepted)

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import obsdesign as od
 from obsdesign.design.blas_threads import one_thread
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
-from obsdesign.report.figures._drawing import inline_svg
+from obsdesign.report.figures._drawing import inline_svg, styled_figure
 
 SYSTEM = od.System(od.Dubins(5.0), (od.GPS(1.0), od.Range((50.0, 20.0), 1.0)))
 PATH = od.simulate(SYSTEM, [0.0, 0.0, 0.1], np.full((8, 1), 0.1), 0.5)
@@ -71,7 +71,7 @@ def schedule_of(i: int) -> object:
 
 
 def picture_of(i: int) -> object:
-    return inline_svg("a", "a line", 2.0, lambda figure: figure.subplots().plot([0, 1, i]))
+    return inline_svg(styled_figure(2.0, lambda figure: figure.subplots().plot([0, 1, i])), "a", "a line")
 
 
 @pytest.mark.parametrize("work", [gramian_of, design_of, schedule_of, picture_of], ids=lambda work: work.__name__)

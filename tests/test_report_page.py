@@ -24,26 +24,23 @@ from obsdesign.families import kinds, leaf
 from obsdesign.moment import Moment
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.captions import glossary
 from obsdesign.report.document import Result
+from obsdesign.report.figures import path_map
 from obsdesign.report.figures._map import shapes
-from obsdesign.report.figures.clearance import clearances
-from obsdesign.report.figures.path import path_figure
+from obsdesign.report.figures.clearance_histories import clearances
 from obsdesign.report.html import page_of
 from obsdesign.report.names import violation_in_words
 from obsdesign.report.number_format import MINUS, NARROW, numeral, percent, plain, typeset
-from obsdesign.report.sections.design import design_in_words
-from obsdesign.report.sections.flight import errors_table, final_errors, flight_answer, flight_violations, plans_table, smallest_margin
+from obsdesign.report.sections._paths import paths_table
+from obsdesign.report.sections.design import design_in_words, starts_table
+from obsdesign.report.sections.flight import answer as flight_answer
+from obsdesign.report.sections.flight import errors_table, final_errors, flight_violations, plans_table, smallest_margin
+from obsdesign.report.sections.glossary import glossary
+from obsdesign.report.sections.observability import subsets_table
 from obsdesign.report.sections.schedule import losses_table, schedules_table, usage_table
-from obsdesign.report.tables import (
-    Table,
-    checks_table,
-    paths_table,
-    starts_table,
-    subsets_table,
-)
+from obsdesign.report.sections.validation import checks_table, consistency_notes
+from obsdesign.report.table import Table
 from obsdesign.report.to_document import document_of
-from obsdesign.report.wording import consistency_notes
 from obsdesign.scenario.loading import load_scenario
 from obsdesign.status import Status
 from obsdesign.study.record import Study, schedule_at_steps
@@ -269,10 +266,10 @@ def test_text_from_the_scenario_is_escaped(pages):
 
 
 def test_the_same_study_gives_the_same_drawing_whatever_the_global_style(aerosonde):
-    before = path_figure(aerosonde)
+    before = path_map.picture(aerosonde)
     with mpl.rc_context({"font.size": 30.0, "svg.fonttype": "none", "axes.grid": True}):
         style = dict(mpl.rcParams)
-        assert path_figure(aerosonde) == before
+        assert path_map.picture(aerosonde) == before
         assert dict(mpl.rcParams) == style
 
 
@@ -310,6 +307,13 @@ def test_ellipses_agree_with_the_bound_of_the_validation(study):
     bound = study.check("designed", "chosen").validation.bound[:, :2]
     deviations = np.sqrt(np.diagonal(facts.position_covariances(study), axis1=1, axis2=2))
     np.testing.assert_allclose(deviations, bound, rtol=1e-9)
+
+
+def test_a_map_asks_for_the_posterior_once(aerosonde, monkeypatch):
+    calls, ask = [], facts.posterior_information
+    monkeypatch.setattr(facts, "posterior_information", lambda *given, **named: calls.append(given) or ask(*given, **named))
+    assert "<svg" in path_map.picture(aerosonde).svg
+    assert len(calls) == 1
 
 
 def test_numbers_of_the_page_are_those_of_the_study(pages, aerosonde):

@@ -19,10 +19,12 @@ from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.exchange.trajectory_csv import read_trajectory_csv, trajectory_csv
 from obsdesign.families import kinds
 from obsdesign.report.document import Result
+from obsdesign.report.figures.decision_costs import count_proven_decisions
 from obsdesign.report.html import page_of
 from obsdesign.report.number_format import numeral
-from obsdesign.report.sections.schedule import count_proven_decisions, losses_table, rule_in_words, usage_table
-from obsdesign.report.sections.whereabouts import segment_traits, usage_in_words
+from obsdesign.report.sections._rules import rule_in_words
+from obsdesign.report.sections._segment_traits import segment_traits, usage_in_words
+from obsdesign.report.sections.schedule import losses_table, usage_table
 from obsdesign.report.to_document import document_of
 from obsdesign.study.runner import run, select_along
 from obsdesign.study.schedules import rule_violations
@@ -454,7 +456,7 @@ def test_decisions_that_are_proven_are_the_same_in_every_better_schedule(plain):
         schedule, blocks = each.selection.schedule, plain.problem.scaled(each.main.blocks)
         cost = np.where(schedule.chosen, schedule.forced_off, schedule.forced_on)
         sure = cost > schedule.root_bound - schedule.value
-        assert count_proven_decisions(each) == (int(sure.sum()), 24)
+        assert count_proven_decisions(each.selection.schedule) == (int(sure.sum()), 24)
         every = np.array(schedules(6, 4, 1))
         otherwise = every[(every != schedule.chosen)[:, sure].any(axis=1)].astype(float)
         values = np.linalg.eigvalsh(np.einsum("pks,ksij->pij", otherwise, blocks))[:, 0]

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.record import Cap
+from obsdesign.design.record import Cap, Design
 from obsdesign.estimation.validation import SETTLING_SHARE, active_steps
 from obsdesign.information.posterior import posterior_information
+from obsdesign.joint.result import Joint
 from obsdesign.round_off import standard_deviations
-from obsdesign.selection.schedule import schedule_information
+from obsdesign.selection.schedule import Schedule, schedule_information
 from obsdesign.signals import Signal
 from obsdesign.study.record import CHOSEN, Analysis, FilterCheck, Quality, Study, schedule_at_steps
+
+PATH_FIRST, SENSORS_FIRST, TOGETHER = "path first", "sensors first", "together"
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,15 @@ class ErrorChange:
         return self.error >= 1.2 * self.baseline_error
 
 
+def joint_answers(joint: Joint) -> dict[str, tuple[Design, Schedule, float]]:
+    """The three answers of a codesign: a path, a schedule, and what they are worth together."""
+    return {
+        PATH_FIRST: (joint.path_first.design, joint.path_first.schedule, joint.path_first.value),
+        SENSORS_FIRST: (joint.sensors_first.design, joint.sensors_first.schedule, joint.sensors_first.value),
+        TOGETHER: (joint.design, joint.schedule, joint.value),
+    }
+
+
 def states_of(study: Study) -> tuple[Signal, ...]:
     """The n states."""
     return study.scenario.vehicle.states
@@ -52,9 +64,13 @@ def numerical_zero(eigenvalues: np.ndarray) -> float:
 
 
 def clean_eigenvalues(quality: Quality) -> np.ndarray:
-    """Eigenvalues (n,), those that cannot be told from 0 set to 0."""
-    values = quality.eigenvalues
-    return np.where(values <= numerical_zero(values), 0.0, values)
+    """Eigenvalues (n,) of a path and a suite, those that cannot be told from 0 set to 0."""
+    return without_zeros(quality.eigenvalues)
+
+
+def without_zeros(eigenvalues: np.ndarray) -> np.ndarray:
+    """Eigenvalues (n,), ascending, those that cannot be told from 0 set to 0."""
+    return np.where(eigenvalues <= numerical_zero(eigenvalues), 0.0, eigenvalues)
 
 
 def value_of(study: Study, quality: Quality) -> float:

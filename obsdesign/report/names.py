@@ -31,6 +31,16 @@ def schedule_criterion(study: Study) -> str:
     return study.scenario.schedule_criterion.label
 
 
+def path_suffix(study: Study) -> str:
+    """Return which of several given paths a question is about."""
+    return "" if study.designs or len(study.candidates) == 1 else f" {capitalise(path_in_words(study.about))}"
+
+
+def capitalise(text: str) -> str:
+    """Return a sentence that begins with a capital."""
+    return text[:1].upper() + text[1:]
+
+
 def has_relative_gap(study: Study) -> bool:
     """Whether the gap of a schedule is a share of its bound."""
     return study.scenario.schedule_criterion.gap_kind == "relative"

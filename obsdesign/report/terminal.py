@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from rich import table as rich
 from rich.box import SIMPLE
 from rich.console import Group
 from rich.markup import escape
-from rich.table import Table
 
 from obsdesign.report.document import DesignPart, Result, SelectionPart, ValidationPart
+from obsdesign.report.table import Column, Entry, Table, tabulate
 from obsdesign.status import Status
 
 
@@ -15,40 +16,50 @@ def summary_of(result: Result) -> Group:
     """Return what a terminal shows of a result: what is hidden, the paths, the schedules, the filter."""
     several = len(result.selections) > 1
     schedules = [_schedule(name if several else "", selection) for name, selection in result.selections.items()]
-    return Group(_hidden(result), _paths(result), *schedules, _filter(result))
+    return Group(*map(_render, (_hidden(result), _paths(result), *schedules, _filter(result))))
 
 
 def schedule_of(result: Result) -> Group:
     """Return what a terminal shows of a schedule alone: its value, when each sensor is on, what losing one costs."""
-    return Group(_schedule("", result.selection, "Which?"), _sensors(result.selection))
+    return Group(_render(_schedule("", result.selection, "Which?")), _render(_sensors(result.selection)))
 
 
-def _table(title: str, *columns: str) -> Table:
-    return Table(*map(escape, columns), title=f"\n{title}", title_justify="left", caption_justify="left", box=SIMPLE, pad_edge=False)
+def _render(table: Table) -> rich.Table:
+    """Lay a table out: its title with what is good, its notes below."""
+    title = f"{table.title} ({table.good})" if table.good else table.title
+    layout = {"title_justify": "left", "caption_justify": "left", "box": SIMPLE, "pad_edge": False}
+    drawn = rich.Table(*map(escape, table.head), title=f"\n{title}", caption=escape("\n".join(table.notes)) or None, **layout)
+    for row in table.rows:
+        drawn.add_row(*(escape(cell.text) for cell in row))
+    return drawn
 
 
 def _hidden(result: Result) -> Table:
-    table = _table("1 Can it?", "sensors", "manoeuvre", "seen", "hidden")
     everything = "+".join(result.scenario.sensors)
-    for suite in result.designs or ("all",):
-        for manoeuvre, verdicts in result.analyses.items():
-            verdict = verdicts[everything if suite == "all" else suite]
-            table.add_row(suite, manoeuvre, f"{verdict.dimension} of {verdict.states}", verdict.hidden)
-    return table
+    suites = [(suite, everything if suite == "all" else suite) for suite in result.designs or ("all",)]
+    verdicts = [(suite, manoeuvre, seen[key]) for suite, key in suites for manoeuvre, seen in result.analyses.items()]
+    rows = [(suite, manoeuvre, f"{seen.dimension} of {seen.states}", seen.hidden) for suite, manoeuvre, seen in verdicts]
+    return tabulate("1 Can it?", "", tuple(map(Column, ("sensors", "manoeuvre", "seen", "hidden"))), rows)
 
 
 def _paths(result: Result) -> Table:
     suites = list(next(iter(result.paths.values())).quality)
-    title = "2 How? (value: more is better; no unit, scaled by the prior)"
-    table = _table(title, "path", "meets constraints", *(f"value ({suite})" for suite in suites))
-    for name, path in result.paths.items():
-        table.add_row(name, "yes" if path.feasible else "no", *(_number(path.quality[suite].value) for suite in suites))
-    table.caption = "\n".join(filter(None, (_cap(suite, design) for suite, design in result.designs.items()))) or None
-    return table
+    rows = [
+        (name, "yes" if path.feasible else "no", *(_value(path.quality[suite].value) for suite in suites))
+        for name, path in result.paths.items()
+    ]
+    columns = (Column("path"), Column("meets constraints"), *(Column(f"value ({suite})", _number) for suite in suites))
+    caps = tuple(filter(None, (_cap(suite, design) for suite, design in result.designs.items())))
+    return tabulate("2 How?", "value: more is better; no unit, scaled by the prior", columns, rows, caps)
 
 
-def _number(value: float | None) -> str:
-    return "-inf" if value is None else f"{0.0 if abs(value) < 1e-6 else value:,.5g}"
+def _value(value: float | None) -> float:
+    """A number of the document, in which null is minus infinity."""
+    return float("-inf") if value is None else value
+
+
+def _number(value: float) -> str:
+    return f"{0.0 if abs(value) < 1e-6 else value:,.5g}"
 
 
 def _cap(suite: str, design: DesignPart) -> str:
@@ -61,40 +72,50 @@ def _cap(suite: str, design: DesignPart) -> str:
 
 def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> Table:
     of = f" {path}:" if path else ""
-    table = _table(f"{title}{of} ({selection.criterion_label} of S W S: more is better; no unit)", "schedule", "value")
-    table.add_row("chosen", _number(selection.value))
+    rows: list[tuple[Entry, Entry]] = [("chosen", _value(selection.value))]
     if selection.exact_value is not None:
-        table.add_row("chosen, all its samples together (the others: counted from below)", _number(selection.exact_value))
-    gap = "none" if selection.gap is None else f"{selection.gap:.3g}" if selection.gap_kind == "absolute" else f"{selection.gap:.2%}"
-    table.add_row("no schedule is above", f"{_number(selection.bound)} (gap {gap})")
-    for naive_name, value in selection.naive.items():
-        table.add_row(naive_name + (" (breaks the rules)" if selection.broken[naive_name] else ""), _number(value))
+        rows.append(("chosen, all its samples together (the others: counted from below)", selection.exact_value))
+    rows.append(("no schedule is above", f"{_number(_value(selection.bound))} (gap {_gap(selection)})"))
+    rows += [(name + (" (breaks the rules)" if selection.broken[name] else ""), _value(value)) for name, value in selection.naive.items()]
     if selection.random_count:
-        table.add_row(f"best of {selection.random_count} random", _number(selection.random_best))
+        rows.append((f"best of {selection.random_count} random", _value(selection.random_best)))
     about = "maximised: information about the state at the start, without process noise and prior"
     rules = [f"rule: {rule}" for rule in selection.rules]
-    table.caption = escape("\n".join([f"status: {Status[selection.status].value}", about, *rules, *selection.notes]))
-    return table
+    notes = [f"status: {Status[selection.status].value}", about, *rules, *selection.notes]
+    good = f"{selection.criterion_label} of S W S: more is better; no unit"
+    return tabulate(f"{title}{of}", good, (Column("schedule"), Column("value", _number)), rows, notes)
+
+
+def _gap(selection: SelectionPart) -> str:
+    if selection.gap is None:
+        return "none"
+    return f"{selection.gap:.3g}" if selection.gap_kind == "absolute" else f"{selection.gap:.2%}"
 
 
 def _sensors(selection: SelectionPart) -> Table:
-    table = _table("Sensors, and what is left when one is lost", "sensor", "on [s]", "kept", "chosen anew", "bound")
+    rows = []
     for name, seconds in selection.seconds.items():
         loss = selection.losses.get(name)
-        left = ("", "", "") if loss is None else (_number(loss.kept), _number(loss.rechosen), _number(loss.bound))
-        table.add_row(name, f"{seconds:g}", *left)
-    return table
+        left = ("", "", "") if loss is None else tuple(map(_value, (loss.kept, loss.rechosen, loss.bound)))
+        rows.append((name, seconds, *left))
+    values = (Column(head, _number) for head in ("kept", "chosen anew", "bound"))
+    return tabulate("Sensors, and what is left when one is lost", "", (Column("sensor"), Column("on [s]", _general), *values), rows)
+
+
+def _general(value: float) -> str:
+    return f"{value:g}"
 
 
 def _filter(result: Result) -> Table:
     cases = {(path, name): check for path, checks in result.validation.items() for name, check in checks.items()}
-    title = "4 Does it hold? (RMSE at the end, in brackets its bound; less is better)"
-    table = _table(title, "", *(f"{path}\n{name}" for path, name in cases))
-    for state, unit in zip(result.scenario.states, result.scenario.state_units, strict=True):
-        table.add_row(escape(f"{state} [{unit}]"), *(_error(check, state) for check in cases.values()))
-    table.add_row("NEES in band", *(f"{check.in_band:.0%}" for check in cases.values()))
-    table.add_row("filter", *(check.verdict for check in cases.values()))
-    return table
+    states = zip(result.scenario.states, result.scenario.state_units, strict=True)
+    rows = [
+        *((f"{state} [{unit}]", *(_error(check, state) for check in cases.values())) for state, unit in states),
+        ("NEES in band", *(f"{check.in_band:.0%}" for check in cases.values())),
+        ("filter", *(check.verdict for check in cases.values())),
+    ]
+    columns = (Column(""), *(Column(f"{path}\n{name}") for path, name in cases))
+    return tabulate("4 Does it hold?", "RMSE at the end, in brackets its bound; less is better", columns, rows)
 
 
 def _error(check: ValidationPart, state: str) -> str:

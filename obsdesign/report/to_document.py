@@ -15,8 +15,9 @@ from obsdesign.design.record import Design, Evidence, Start
 from obsdesign.design.violation import Violation
 from obsdesign.estimation.validation import Validation
 from obsdesign.information.contribution_shares import Contributions
+from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight
-from obsdesign.report.derived_quantities import segment_nodes
+from obsdesign.report.derived_quantities import PATH_FIRST, SENSORS_FIRST, TOGETHER, joint_answers, segment_nodes
 from obsdesign.report.document import (
     SCHEMA_VERSION,
     CapPart,
@@ -25,8 +26,10 @@ from obsdesign.report.document import (
     EvidencePart,
     FlightHistoryPart,
     FlightPart,
+    JointPart,
     LossPart,
     OptimumPart,
+    PairPart,
     ParetoPart,
     PathPart,
     PlanPart,
@@ -41,9 +44,9 @@ from obsdesign.report.document import (
     ViolationPart,
 )
 from obsdesign.report.expectations import Expectation, check_expectations
-from obsdesign.report.sections.codesign import joint_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.selection.pareto import Pareto
+from obsdesign.selection.schedule import Schedule
 from obsdesign.study.record import Analysis, Candidate, Quality, Study
 
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
@@ -86,7 +89,7 @@ def _build_document(study: Study, expected: list[Expectation]) -> Result:
         selections={path_study.about: _selection(path_study) for path_study in study.each},
         t=study.main.path.t.tolist(),
         validation=checks,
-        joint=None if study.joint is None else joint_part(study, study.joint),
+        joint=None if study.joint is None else _joint(study, study.joint),
         flight=None if study.flight is None else _flight(study, study.flight),
         expected=expected,
         timings=_timings(study),
@@ -229,6 +232,27 @@ def _pareto(front: Pareto) -> ParetoPart:
         bounds=front.bounds.tolist(),
         chosen=[schedule.chosen.astype(int).tolist() for schedule in front.schedules],
     )
+
+
+def _joint(study: Study, joint: Joint) -> JointPart:
+    """Return the part of the result."""
+    parts = {name: _pair(study, *answer) for name, answer in joint_answers(joint).items()}
+    return JointPart(
+        status=joint.status.name,
+        joint=parts[TOGETHER],
+        path_first=parts[PATH_FIRST],
+        sensors_first=parts[SENSORS_FIRST],
+        alternation=list(joint.alternation),
+        bound=joint.schedule.bound,
+        gap=joint.schedule.gap,
+    )
+
+
+def _pair(study: Study, design: Design, schedule: Schedule, value: float) -> PairPart:
+    path = design.trajectory
+    states = {} if path is None else dict(zip(study.scenario.state_names, path.x.T.tolist(), strict=True))
+    histories = {} if path is None else {"t": path.t.tolist(), **states}
+    return PairPart(value=value, chosen=schedule.chosen.astype(int).tolist(), trajectory=histories)
 
 
 def _flight(study: Study, flight: Flight) -> FlightPart:

@@ -1,10 +1,12 @@
-"""What all figures share: size, type, colours, and how a drawing becomes an inline SVG that is the same every time."""
+"""What all figures share: size, type, colours, and how a figure becomes an inline SVG that is the same every time."""
 
 from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from threading import RLock
 from typing import Any
 
@@ -54,20 +56,40 @@ _STYLE_LOCK = RLock()  # Matplotlib's style belongs to the process
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
-def inline_svg(name: str, description: str, height: float, paint: Callable[[Figure], None], width: float = WIDTH) -> str:
-    """Return what `paint` draws as an <svg> element that scales with its container.
+@dataclass(frozen=True)
+class Picture:
+    """An inline SVG and the sentence that says what it means."""
 
-    name: prefix of all ids, unique on the page; description: what a screen reader says; height, width [inches].
-    """
-    with _STYLE_LOCK, mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update(_STYLE)
+    svg: str
+    caption: str
+
+
+def styled_figure(height: float, paint: Callable[[Figure], None], width: float = WIDTH) -> Figure:
+    """Return the figure that `paint` draws on, whatever style its surroundings have; height, width [inches]."""
+    with _style():
         figure = Figure(figsize=(width, height), layout="constrained")
         paint(figure)
         figure.draw_without_rendering()  # equal axes choose their limits when drawn: room for the labels of those
-        buffer = io.StringIO()
+    return figure
+
+
+def inline_svg(figure: Figure, name: str, description: str) -> str:
+    """Return a figure as an <svg> element that scales with its container.
+
+    name: prefix of all ids, unique on the page; description: what a screen reader says.
+    """
+    buffer = io.StringIO()
+    with _style():
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
     return _svg_element(buffer.getvalue(), name, description)
+
+
+@contextmanager
+def _style() -> Iterator[None]:
+    with _STYLE_LOCK, mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
 
 
 def path_colour(name: str, names: tuple[str, ...]) -> str:

@@ -7,18 +7,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from obsdesign.planning.closed_loop import Flight
-from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDTH, inline_svg, light_grid
+from obsdesign.report.figures._drawing import BLUE, INK, QUIET, VERMILLION, WIDTH, Picture, inline_svg, light_grid, styled_figure
 from obsdesign.report.figures._map import Shape, draw_landmarks, draw_shapes, shapes
 from obsdesign.study.record import Study
 
 _MAX_ENLARGEMENT = 1.4  # how much larger the map may become for a beacon
 
 
-def flight_map_figure(study: Study) -> str:
-    """Draw the true path and what the filter took for it, where it was planned anew, and the path of the inputs' middles."""
+def picture(study: Study) -> Picture | None:
+    """Return the true path and what the filter took for it, where it was planned anew, and the path of the inputs' middles."""
     flight = study.flight
     if flight is None or not {"x", "y"} <= set(study.scenario.state_names):
-        return ""
+        return None
     low, high = _extent(study, flight)
     height = float(np.clip((WIDTH - 0.9) * (high - low)[1] / (high - low)[0], 1.6, 5.0)) + 1.5
 
@@ -34,7 +34,13 @@ def flight_map_figure(study: Study) -> str:
         axes.set_ylim(low[1], high[1], auto=True)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
-    return inline_svg("flight-map", "Map of the flight: true path, estimate and instants of planning", height, paint)
+    svg = inline_svg(styled_figure(height, paint), "flight-map", "Map of the flight: true path, estimate and instants of planning")
+    caption = (
+        "One flight, its start and disturbances drawn from the scenario's prior and noise. Where it leaves the path that was designed "
+        "beforehand, the filter has learnt that things are not as believed at the start. Red: the same flight, with the same noise, all "
+        "inputs in the middle of their ranges."
+    )
+    return Picture(svg, caption)
 
 
 def planning_steps(study: Study, flight: Flight) -> np.ndarray:

@@ -7,19 +7,33 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from obsdesign.joint.result import Joint
-from obsdesign.report.figures._drawing import BLUE, GREEN, INK, ORANGE, PURPLE, QUIET, SKY, VERMILLION, WIDTH, inline_svg, light_grid
+from obsdesign.report.derived_quantities import PATH_FIRST, SENSORS_FIRST, TOGETHER, joint_answers
+from obsdesign.report.figures._drawing import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PURPLE,
+    QUIET,
+    SKY,
+    VERMILLION,
+    WIDTH,
+    Picture,
+    inline_svg,
+    light_grid,
+    styled_figure,
+)
 from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
-from obsdesign.report.sections.codesign import PATH_FIRST, SENSORS_FIRST, TOGETHER, answers
 from obsdesign.study.record import Study
 
 _SENSORS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK)
 
 
-def joint_map_figure(study: Study) -> str:
-    """Draw the joint path, each segment in the colour of what is on, and the paths of the one-sided answers."""
+def picture(study: Study) -> Picture | None:
+    """Return the joint path, each segment in the colour of what is on, and the paths of the one-sided answers."""
     joint = study.joint
     if joint is None or joint.design.trajectory is None or not {"x", "y"} <= set(study.scenario.state_names):
-        return ""
+        return None
     tracks = _tracks(study, joint)
     map_shapes = shapes(study.scenario.design.constraints, study.scenario.system.model.landmarks)
     points = np.vstack([*tracks.values(), *(shape.points for shape in map_shapes if not shape.is_wide)])
@@ -40,12 +54,14 @@ def joint_map_figure(study: Study) -> str:
         axes.set_ylim(low[1], high[1], auto=True)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
-    return inline_svg("joint-map", "Map of the path chosen together with its schedule, and of the one-sided answers", height, paint)
+    description = "Map of the path chosen together with its schedule, and of the one-sided answers"
+    caption = "The path that goes with its schedule, in the colours of the sensors that are on, and the two one-sided answers."
+    return Picture(inline_svg(styled_figure(height, paint), "joint-map", description), caption)
 
 
 def _tracks(study: Study, joint: Joint) -> dict[str, np.ndarray]:
     columns = list(study.problem.position)
-    trajectories = {name: design.trajectory for name, (design, _, _) in answers(joint).items()}
+    trajectories = {name: design.trajectory for name, (design, _, _) in joint_answers(joint).items()}
     return {name: path.x[:, columns] for name, path in trajectories.items() if path is not None}
 
 

@@ -1,53 +1,28 @@
-"""Path and schedule chosen together: the part of the result, a sentence, a caption and a table."""
+"""Together? Path and schedule chosen together, and one after the other."""
 
 from __future__ import annotations
 
 import math
 
-from obsdesign.design.record import Design
 from obsdesign.joint.result import Joint
-from obsdesign.report.document import JointPart, PairPart
+from obsdesign.report import derived_quantities as facts
+from obsdesign.report.figures import joint_map
 from obsdesign.report.names import criterion_name, has_relative_gap
-from obsdesign.report.number_format import numeral, percent, plain
-from obsdesign.report.tables import DASH, Cell, Table
-from obsdesign.selection.schedule import Schedule
+from obsdesign.report.number_format import numeral, percent
+from obsdesign.report.section import Section
+from obsdesign.report.table import Column, Table, Toned, finite, seconds, tabulate
 from obsdesign.status import Status
 from obsdesign.study.record import Study
 
-PATH_FIRST, SENSORS_FIRST, TOGETHER = "path first", "sensors first", "together"
+
+def section(study: Study, joint: Joint) -> Section:
+    """Return the answer to "Together?"."""
+    picture = joint_map.picture(study)
+    pictures = () if picture is None else (picture,)
+    return Section("together", "Together?", answer(study, joint), pictures, (answers_table(study, joint),))
 
 
-def answers(joint: Joint) -> dict[str, tuple[Design, Schedule, float]]:
-    """The three answers: a path, a schedule, and what they are worth together."""
-    return {
-        PATH_FIRST: (joint.path_first.design, joint.path_first.schedule, joint.path_first.value),
-        SENSORS_FIRST: (joint.sensors_first.design, joint.sensors_first.schedule, joint.sensors_first.value),
-        TOGETHER: (joint.design, joint.schedule, joint.value),
-    }
-
-
-def joint_part(study: Study, joint: Joint) -> JointPart:
-    """Return the part of the result."""
-    parts = {name: _pair(study, *answer) for name, answer in answers(joint).items()}
-    return JointPart(
-        status=joint.status.name,
-        joint=parts[TOGETHER],
-        path_first=parts[PATH_FIRST],
-        sensors_first=parts[SENSORS_FIRST],
-        alternation=list(joint.alternation),
-        bound=joint.schedule.bound,
-        gap=joint.schedule.gap,
-    )
-
-
-def _pair(study: Study, design: Design, schedule: Schedule, value: float) -> PairPart:
-    path = design.trajectory
-    states = {} if path is None else dict(zip(study.scenario.state_names, path.x.T.tolist(), strict=True))
-    histories = {} if path is None else {"t": path.t.tolist(), **states}
-    return PairPart(value=value, chosen=schedule.chosen.astype(int).tolist(), trajectory=histories)
-
-
-def codesign_answer(study: Study, joint: Joint) -> str:
+def answer(study: Study, joint: Joint) -> str:
     """Answer "Together?": what choosing both at once gains, and how far that is proven."""
     name, value = criterion_name(study), joint.value
     ratio = study.scenario.criterion.scales_with_information
@@ -67,26 +42,17 @@ def codesign_answer(study: Study, joint: Joint) -> str:
     )
 
 
-def joint_map_caption(study: Study) -> str:
-    """Caption of the map."""
-    return "The path that goes with its schedule, in the colours of the sensors that are on, and the two one-sided answers."
-
-
 def answers_table(study: Study, joint: Joint) -> Table:
     """What each order of choosing comes to."""
     total = study.scenario.time.segment
-    names = study.scenario.sensor_names
-    rows = tuple(
-        (
-            Cell(name),
-            Cell(numeral(value) if math.isfinite(value) else DASH, "good" if name == TOGETHER else ""),
-            *(Cell(plain(round(total * float(on), 9))) for on in schedule.chosen.sum(axis=0)),
-        )
-        for name, (_, schedule, value) in answers(joint).items()
+    rows = (
+        (name, Toned(value, "good" if name == facts.TOGETHER else ""), *(total * float(on) for on in schedule.chosen.sum(axis=0)))
+        for name, (_, schedule, value) in facts.joint_answers(joint).items()
     )
-    return Table(
+    on = (Column(f"{name} on [s]", seconds) for name in study.scenario.sensor_names)
+    return tabulate(
         "Path and schedule, one after the other and together",
         "Good: together is never below the others, as its search begins at both.",
-        ("chosen", f"{criterion_name(study)} [–]", *(f"{name} on [s]" for name in names)),
+        (Column("chosen"), Column(f"{criterion_name(study)} [–]", finite), *on),
         rows,
     )

@@ -1,14 +1,107 @@
-"""Sentences about how a path was found: starts, duration, prices, draws of the prior, how much better another might be."""
+"""How? The designed path against others, how it was found, and how much better another might be."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from obsdesign.design.record import Design
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import criterion_name
+from obsdesign.report.figures import clearance_histories, eigenvector_panels, input_histories, path_map, spectra
+from obsdesign.report.names import criterion_name, path_in_words
 from obsdesign.report.number_format import NARROW, join, numeral, percent, plain
+from obsdesign.report.section import Section
+from obsdesign.report.sections._paths import contributions_table, path_value, paths_table
+from obsdesign.report.table import Column, Table, Toned, tabulate
+from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
+from obsdesign.signals import DEGREES_PER_RADIAN
 from obsdesign.study.record import Study
 
 _MAX_NAMED = 4  # optima that are named
+
+
+def section(study: Study) -> Section:
+    """Return the answer to "How?"."""
+    figures = (path_map, spectra, clearance_histories, eigenvector_panels, input_histories)
+    pictures = tuple(picture for figure in figures if (picture := figure.picture(study)) is not None)
+    starts = tuple(starts_table(study, i) for i in range(len(study.suites)))
+    notes = (*(design_in_words(study, i) for i in range(len(study.suites))), *_cap_notes(study), _weave_note(study))
+    return Section("how", "How?", _answer(study), pictures, (paths_table(study), contributions_table(study), *starts), notes)
+
+
+def _answer(study: Study) -> str:
+    """Answer "How?": the designed path against constant inputs and the weave."""
+    ours, path_names = path_value(study, DESIGNED), {candidate.name for candidate in study.candidates}
+    names = dict.fromkeys((study.baseline, *(baseline.name for baseline in study.scenario.baselines), STRAIGHT, WEAVE))
+    rivals = [f"{_gain(study, ours, path_value(study, name))} {path_in_words(name)}" for name in names if name in path_names]
+    design, name = study.designs[0], criterion_name(study)
+    return (
+        f"Take the coloured path: with all sensors on, {name} is {numeral(ours)}, {join(rivals)}; "
+        f"it is {design.status.value}, not proven global."
+    )
+
+
+def _gain(study: Study, ours: float, theirs: float) -> str:
+    """Compare two values of the criterion in words that suit it."""
+    if not study.scenario.criterion.scales_with_information or ours * theirs <= 0 or not np.isfinite(theirs):
+        return f"against {numeral(theirs)} for"
+    if ours < 0:
+        return f"{numeral(theirs / ours)} times nearer to 0 than for"
+    return f"{numeral(ours / theirs)} times that of"
+
+
+def _cap_notes(study: Study) -> tuple[str, ...]:
+    """Say for each suite how near its designed path comes to what no path can exceed, and why the others stay below."""
+    return tuple(_cap(study, i) for i in range(len(study.suites))) if facts.judged_by_eigenvalue(study) else ()
+
+
+def _cap(study: Study, i: int) -> str:
+    suite, design, cap = facts.sensors_in_words(study, study.suites[i]), study.designs[i], study.designs[i].cap
+    if cap is None:
+        return f"With {suite}: no cap is known, since every part of the information depends on the path."
+    block = ", ".join(cap.states)
+    what = f"With {suite}: the information about ({block}) is the same on every path, so no path exceeds the cap {numeral(cap.value)}"
+    relation = "reaches it" if design.reaches_cap else f"stays {percent(1 - design.value / cap.value)} below it"
+    same = [candidate for candidate in study.candidates if candidate.duration == design.problem.longest]
+    below = [candidate for candidate in same if candidate.qualities[i].value < cap.value * (1 - 1e-6)]
+    reasons = [f"{candidate.name} {percent(facts.outside_share(study, candidate.qualities[i], cap))}" for candidate in below]
+    lean = "A path stays below where its weakest direction leans on states outside that block; share outside"
+    return f"{what}; the path designed for {suite} {relation}." + (f" {lean}: {', '.join(reasons)}." if below else "")
+
+
+def _weave_note(study: Study) -> str:
+    """Describe the weave that was found, or say that there is none."""
+    weave = study.weave
+    if weave is None and "turn_rate" not in study.scenario.system.model.input_names:
+        return "The vehicle has no turn rate: there is no weave to compare with."
+    if weave is None:
+        return "No weave meets the same limits: there is none to compare with."
+    degrees, side = DEGREES_PER_RADIAN, "left" if weave.side > 0 else "right"
+    return (
+        f"The weave turns by {numeral(weave.course * degrees)}{NARROW}deg in the first 5{NARROW}s, then swings by "
+        f"±{numeral(weave.swing * degrees)}{NARROW}deg with a period of {numeral(weave.period)}{NARROW}s, {side} first; "
+        "course, swing, period and side are the best of a search over a grid that is refined about its best points."
+    )
+
+
+def starts_table(study: Study, suite: int) -> Table:
+    """What each start of the solver came to for one suite."""
+    design, words = study.designs[suite], facts.sensors_in_words(study, study.suites[suite])
+    name, best = _objective_name(study), design.objective - 1e-6 * abs(design.objective)
+    rows = (
+        (
+            start.name,
+            Toned(start.value, "good" if start.refined and start.value >= best else ""),
+            start.iterations,
+            Toned(start.status.value if start.refined else f"{start.status.value}, coarse", "" if start.status.has_answer else "bad"),
+        )
+        for start in design.starts
+    )
+    return tabulate(
+        f"Starts of the solver, designed for {words}",
+        f"Good: large {name}, and several starts that agree on it. The best (green) is taken; each is a local optimum at best.",
+        (Column("start"), Column(f"{name} [–]"), Column("iterations [–]", plain), Column("status")),
+        rows,
+    )
 
 
 def design_in_words(study: Study, i: int) -> str:
@@ -18,7 +111,7 @@ def design_in_words(study: Study, i: int) -> str:
     return f"Designed for {who}: {' '.join(filter(None, parts))}"
 
 
-def objective_name(study: Study) -> str:
+def _objective_name(study: Study) -> str:
     """Return what is maximised: the criterion, or more than that."""
     design = study.scenario.design
     return "objective" if design.prices or design.robust else criterion_name(study)

@@ -1,4 +1,4 @@
-"""What a flight with the filter in the loop came to: a sentence, captions and tables."""
+"""In flight? What a flight with the filter in the loop came to."""
 
 from __future__ import annotations
 
@@ -12,14 +12,23 @@ from obsdesign.design.feasibility import LeastMargin, least_margins_at_nodes
 from obsdesign.design.violation import Violation
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report import derived_quantities as facts
+from obsdesign.report.figures import flight_estimates, flight_map
 from obsdesign.report.names import violations_in_words
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, plain, signal_label, with_unit
-from obsdesign.report.tables import Cell, Table
+from obsdesign.report.section import Section
+from obsdesign.report.table import Column, Table, tabulate
 from obsdesign.scenario.schema import FlightTable
 from obsdesign.study.record import Study
 
 _FAR_MARGIN = 1.0  # margin by which a limit is broken that is not met at all: a whole tolerance or radius
 _BETTER_SHARE = 0.8  # share of the other flight's standard deviation that counts as better
+
+
+def section(study: Study, flight: Flight, settings: FlightTable) -> Section:
+    """Return the answer to "In flight?"."""
+    pictures = tuple(picture for figure in (flight_map, flight_estimates) if (picture := figure.picture(study)) is not None)
+    tables = (errors_table(study, flight), plans_table(study, flight))
+    return Section("flight", "In flight?", answer(study, flight, settings), pictures, tables)
 
 
 def flight_violations(study: Study, flight: Flight) -> tuple[Violation, ...]:
@@ -58,7 +67,7 @@ def final_errors(study: Study, flight: Flight) -> np.ndarray:
     return np.abs(wrap_columns(flight.mean[-1:] - flight.truth[-1:], is_angle))[0]
 
 
-def flight_answer(study: Study, flight: Flight, settings: FlightTable) -> str:
+def answer(study: Study, flight: Flight, settings: FlightTable) -> str:
     """Answer "In flight?": limits, and how well the states are known at the end against inputs in the middle of their ranges."""
     violations, count = flight_violations(study, flight), len(flight.statuses)
     goal = any(constraint.span == AT_END for constraint in study.scenario.design.constraints) and ends_with_plans(study)
@@ -86,39 +95,22 @@ def _gains(study: Study, flight: Flight) -> str:
     return f"; at the end it knows {gains} (1σ), where inputs in the middle of their ranges leave {others_text}"
 
 
-def flight_map_caption(study: Study) -> str:
-    """Say what the lines are."""
-    return (
-        "One flight, its start and disturbances drawn from the scenario's prior and noise. Where it leaves the path that was designed "
-        "beforehand, the filter has learnt that things are not as believed at the start. Red: the same flight, with the same noise, all "
-        "inputs in the middle of their ranges."
-    )
-
-
-def flight_estimates_caption(study: Study) -> str:
-    """Say how the panels are read."""
-    return (
-        "Good: the dashed truth within the shade, and the shade narrow. Red dots: how wide the shade would be, about the truth, with all "
-        "inputs in the middle of their ranges."
-    )
-
-
 def errors_table(study: Study, flight: Flight) -> Table:
     """Final errors and standard deviations, flown and with idle inputs."""
     flights = [flight] if flight.straight is None else [flight, flight.straight]
     columns = [(final_errors(study, case), case.std[-1]) for case in flights]
-    rows = tuple(
-        (Cell(signal_label(signal)), *(Cell(numeral(values[i] * display_unit(signal)[0])) for pair in columns for values in pair))
+    rows = (
+        (signal_label(signal), *(values[i] * display_unit(signal)[0] for pair in columns for values in pair))
         for i, signal in enumerate(facts.states_of(study))
     )
     names = ("planned on the way", "inputs mid-range")[: len(flights)]
     n = len(study.scenario.state_names)
     nees = [f"{name}: {numeral(float(case.nees.mean()))}" for name, case in zip(names, flights, strict=True)]
-    return Table(
+    return tabulate(
         "What is known at the end of the flight",
         f"Good: small standard deviations (1σ) of the filter, and errors of that size. One flight is one draw: an honest filter's NEES "
         f"is {n} on average over many. Mean over this flight: {'; '.join(nees)}.",
-        ("state", *(f"{name}, {what} [as the state]" for name in names for what in ("error", "1σ"))),
+        (Column("state"), *(Column(f"{name}, {what} [as the state]") for name in names for what in ("error", "1σ"))),
         rows,
     )
 
@@ -126,15 +118,15 @@ def errors_table(study: Study, flight: Flight) -> Table:
 def plans_table(study: Study, flight: Flight) -> Table:
     """How the plans ended."""
     counts = Counter((status.value, age == 0) for status, age in zip(flight.statuses, flight.ages, strict=True))
-    rows = tuple(
-        (Cell(status), Cell("the new plan" if is_new else "the plan before"), Cell(plain(count)))
+    rows = (
+        (status, "the new plan" if is_new else "the plan before", count)
         for (status, is_new), count in sorted(counts.items(), key=lambda item: -item[1])
     )
     valid = sum(flight.feasible)
-    return Table(
+    return tabulate(
         "Plans on the way",
         f"Good: plans that keep every limit, here {valid} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes "
         "few iterations: stopping at their limit is usual.",
-        ("how the climb ended", "what was flown", "plans [–]"),
+        (Column("how the climb ended"), Column("what was flown"), Column("plans [–]", plain)),
         rows,
     )

@@ -9,12 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.report.derived_quantities import clean_eigenvalues, sensors_in_words
-from obsdesign.report.figures._drawing import INK, inline_svg
+from obsdesign.arguments import validate_arguments
+from obsdesign.design.record import Design
+from obsdesign.errors import InputError
+from obsdesign.report.derived_quantities import clean_eigenvalues, sensors_in_words, without_zeros
+from obsdesign.report.figures._drawing import INK, Picture, inline_svg, styled_figure
+from obsdesign.report.names import path_in_words
 from obsdesign.scenario.schema import DESIGNED
 from obsdesign.study.record import Study
 
 _MIN_COMPONENT = 0.1  # a component smaller than this is left to its colour
+_MIN_NAMED = 0.15  # components of a direction smaller than this go without saying
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,18 +31,46 @@ class Panel:
     vectors: np.ndarray
 
 
-def eigenvectors_figure(study: Study) -> str:
-    """Draw the eigenvectors of S W S for the baseline and the designed path, one row per suite of sensors."""
+@validate_arguments
+def eigenvectors(design: Design) -> Figure:
+    """Draw the eigenvectors of S W S of a designed path, all its sensors on: what each is made of.
+
+    Arguments:
+        design: the design, with a path.
+    Raises InputError for a design without a path.
+    """
+    if design.information is None:
+        raise InputError(f"design: has no path to draw: {design.status.value}")
+    values, vectors = np.linalg.eigh(design.problem.scaled(design.information.total))
+    return draw_panels([Panel("designed, all sensors", without_zeros(values), vectors)], design.problem.system.model.state_names)
+
+
+def picture(study: Study) -> Picture:
+    """Return the eigenvectors of S W S for the baseline and the designed path, one row per suite of sensors."""
     panels = [
         Panel(f"{name}, {sensors_in_words(study, quality.sensors)}", clean_eigenvalues(quality), quality.vectors)
         for suite in range(len(study.suites))
         for name in (study.baseline, DESIGNED)
         for quality in (study.candidate(name).qualities[suite],)
     ]
-    return eigenvectors_picture(panels, study.scenario.state_names)
+    figure = draw_panels(panels, study.scenario.state_names)
+    return Picture(inline_svg(figure, "eigenvectors", "Components of the eigenvectors of the information matrix"), _caption(study))
 
 
-def eigenvectors_picture(panels: Sequence[Panel], states: Sequence[str]) -> str:
+def _caption(study: Study) -> str:
+    """Say how the panels are read, and what the first column of the baseline hides."""
+    quality = study.candidate(study.baseline).qualities[-1]
+    parts = [study.scenario.state_names[i] for i in np.argsort(-np.abs(quality.weakest)) if abs(quality.weakest[i]) >= _MIN_NAMED]
+    suite = sensors_in_words(study, quality.sensors)
+    visibility = "hidden from" if clean_eigenvalues(quality)[0] == 0 else "known least to"
+    mixture = f"{parts[0]} alone" if len(parts) == 1 else f"{parts[0]} against {' and '.join(parts[1:])}"
+    return (
+        "Each column is a combination of scaled states, its squares adding up to 1, that is known as well as the number below it says. "
+        f"On {path_in_words(study.baseline)}, {mixture} is what is {visibility} {suite}."
+    )
+
+
+def draw_panels(panels: Sequence[Panel], states: Sequence[str]) -> Figure:
     """Draw panels two to a row: a row for each state, a column for each eigenvector."""
     rows = (len(panels) + 1) // 2
 
@@ -51,9 +84,7 @@ def eigenvectors_picture(panels: Sequence[Panel], states: Sequence[str]) -> str:
             axes.set_yticklabels([])
         figure.supxlabel("eigenvectors of S W S by their eigenvalues [–], known least first", fontsize=10)
 
-    return inline_svg(
-        "eigenvectors", "Components of the eigenvectors of the information matrix", 0.7 + (0.7 + 0.24 * len(states)) * rows, paint
-    )
+    return styled_figure(0.7 + (0.7 + 0.24 * len(states)) * rows, paint)
 
 
 def _draw_panel(axes: Axes, panel: Panel, states: Sequence[str]) -> None:

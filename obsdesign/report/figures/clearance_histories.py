@@ -8,16 +8,20 @@ from matplotlib.figure import Figure
 
 from obsdesign.constraints.circle_clearance import CircleClearance
 from obsdesign.design.nlp.node_functions import node_functions_of
-from obsdesign.report.figures._drawing import INK, inline_svg, legend_below, light_grid, path_colour
+from obsdesign.report.figures._drawing import INK, Picture, inline_svg, legend_below, light_grid, path_colour, styled_figure
+from obsdesign.report.names import path_in_words
+from obsdesign.report.number_format import NARROW, numeral
 from obsdesign.scenario.schema import DESIGNED
 from obsdesign.study.record import Study
 
+_ROUND_OFF = 1e-9  # [m] below which a distance is 0
 
-def clearance_figure(study: Study) -> str:
-    """Draw sqrt(f^2 + (T df/dt)^2) over time for the designed path and the baseline; "" without such a constraint."""
+
+def picture(study: Study) -> Picture | None:
+    """Return sqrt(f^2 + (T df/dt)^2) over time for the designed path and the baseline; None without such a constraint."""
     limits = _limits(study)
     if not limits:
-        return ""
+        return None
 
     def paint(figure: Figure) -> None:
         panels = np.atleast_1d(figure.subplots(len(limits), 1, sharex=True))
@@ -26,7 +30,20 @@ def clearance_figure(study: Study) -> str:
         panels[-1].set_xlabel("time [s]")
         legend_below(figure, panels[-1])
 
-    return inline_svg("clearance", "Clearance of the paths from the circle through the beacons over time", 1.1 + 2.2 * len(limits), paint)
+    description = "Clearance of the paths from the circle through the beacons over time"
+    return Picture(inline_svg(styled_figure(1.1 + 2.2 * len(limits), paint), "clearance", description), _caption(study))
+
+
+def _caption(study: Study) -> str:
+    """Say what keeps a path clear of the circle."""
+    low, ours = (min(values[0].min() for values in clearances(study, name)) for name in (study.baseline, study.about))
+    low = 0.0 if low < _ROUND_OFF else low
+    least = f"{numeral(low)}{NARROW}m at least, on the designed path {numeral(ours)}{NARROW}m"
+    return (
+        "√(f² + (T ḟ)²) with f the distance from the circle through the beacons and T the constraint's time scale: 0 is moving along the "
+        "circle, on which bearings to the three cannot tell how far along it one is; the dotted line is the least that is allowed. "
+        f"On {path_in_words(study.baseline)} it is {least}."
+    )
 
 
 def clearances(study: Study, name: str) -> list[np.ndarray]:

@@ -8,21 +8,33 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from obsdesign.report.derived_quantities import drawing_suffix, zero_round_off
-from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, inline_svg, light_grid
+from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, Picture, inline_svg, light_grid, styled_figure
 from obsdesign.report.number_format import NOTHING, numeral
 from obsdesign.study.record import CHOSEN, Study
 
 
-def rivals_figure(study: Study) -> str:
-    """Draw the criterion of the chosen schedule, the naive ones and the random ones against the bound."""
+def picture(study: Study) -> Picture:
+    """Return the criterion of the chosen schedule, the naive ones and the random ones against the bound."""
     bars = rival_values(study)
 
     def paint(figure: Figure) -> None:
         _draw_bars(study, figure.add_subplot(), bars)
 
-    return inline_svg(
-        f"rivals{drawing_suffix(study)}", "Value of the chosen schedule, the naive ones and the bound", 0.95 + 0.36 * len(bars), paint
-    )
+    name, description = f"rivals{drawing_suffix(study)}", "Value of the chosen schedule, the naive ones and the bound"
+    return Picture(inline_svg(styled_figure(0.95 + 0.36 * len(bars), paint), name, description), _caption(study))
+
+
+def _caption(study: Study) -> str:
+    """Say what the bars compare."""
+    best = max([value for name, value in list(rival_values(study).items())[1:] if not name.endswith("*")], default=0.0)
+    value, rules = study.selection.schedule.value, any(rival.breaks for rival in study.selection.rivals)
+    starred = " Schedules with * break the rules." if rules else ""
+    criterion = study.scenario.schedule_criterion
+    if not criterion.is_smallest_eigenvalue:
+        return f"What is known of the state under each schedule, by {criterion.label}.{starred}"
+    others = "the best of the others that keep the rules" if rules else "the best of the others"
+    than = f"{numeral(value / best)} times as much as {others}" if best > 0 else "the others see nothing of one direction"
+    return f"What is known of the weakest combination of states under each schedule: the chosen one gives {than}.{starred}"
 
 
 def rival_values(study: Study) -> dict[str, float]:

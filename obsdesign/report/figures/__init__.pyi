@@ -1,0 +1,10 @@
+from .decision_costs import regret as regret
+from .eigenvector_panels import eigenvectors as eigenvectors
+from .energy_front import front as front
+from .error_histories import errors as errors
+from .flight_estimates import estimates as estimates
+from .input_histories import inputs as inputs
+from .nees import consistency as consistency
+from .path_map import path as path
+from .schedule_raster import schedule as schedule
+from .spectra import spectrum as spectrum

@@ -1,0 +1,69 @@
+"""The schedule: which sensor is on when."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from obsdesign.arguments import validate_arguments
+from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
+from obsdesign.report.figures._drawing import BLUE, Picture, inline_svg, styled_figure
+from obsdesign.report.names import gap_in_words, path_in_words
+from obsdesign.report.number_format import NARROW, numeral, plain
+from obsdesign.selection.schedule import Schedule
+from obsdesign.study.record import Study
+
+
+@validate_arguments
+def schedule(schedule: Schedule, names: Sequence[str] | None = None, t: Sequence[float] | None = None) -> Figure:
+    """Draw a schedule: one row per sensor, one column per segment, filled where the sensor is on.
+
+    Arguments:
+        schedule: the schedule, of K segments and S sensors.
+        names: what the S sensors are called; None = by number.
+        t: where the segments begin and end (K+1,) [s]; None = segments are numbered.
+    """
+    title = f"value {numeral(schedule.value)}, bound {numeral(schedule.bound)}, gap {numeral(schedule.gap)}"
+    return draw_raster(schedule.chosen, sensor_labels(schedule, names), t, title)
+
+
+def picture(study: Study) -> Picture:
+    """Return the raster of the chosen schedule."""
+    chosen, symbol = study.selection.schedule, study.scenario.schedule_criterion.symbol
+    title = f"{symbol} {numeral(chosen.value)}, bound {numeral(chosen.bound)}, gap {gap_in_words(study)}"
+    figure = draw_raster(chosen.chosen, study.scenario.sensor_names, segment_nodes(study), title)
+    description = f"Which sensor is on in which segment of {path_in_words(study.about)}"
+    seconds = plain(study.scenario.time.segment)
+    caption = f"Blue is on, for {seconds}{NARROW}s each; a sensor without blue is not needed on this path when the others may be used."
+    return Picture(inline_svg(figure, f"raster{drawing_suffix(study)}", description), caption)
+
+
+def sensor_labels(schedule: Schedule, names: Sequence[str] | None) -> Sequence[str]:
+    """Return names, or what sensors are called where nobody names them."""
+    return [f"sensor {s}" for s in range(schedule.chosen.shape[1])] if names is None else names
+
+
+def draw_raster(chosen: np.ndarray, names: Sequence[str], t: Sequence[float] | np.ndarray | None, title: str) -> Figure:
+    """Draw a schedule (K, S) under a title; segments are numbered where their times t (K+1,) are None."""
+    times = np.arange(len(chosen) + 1.0) if t is None else np.asarray(t)
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        _draw_rows(axes, chosen, times)
+        axes.set_yticks(range(len(names)), names)
+        axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(times[0], times[-1]), xlabel="segment [–]" if t is None else "time [s]")
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+        axes.set_title(title)
+
+    return styled_figure(1.15 + 0.36 * len(names), paint)
+
+
+def _draw_rows(axes: Axes, chosen: np.ndarray, times: np.ndarray) -> None:
+    starts, lengths = times[:-1], np.diff(times)
+    for row, on in enumerate(chosen.T):
+        axes.barh(np.full(len(starts), row), lengths, left=starts, height=0.72, color="#f2f2f2", edgecolor="white", linewidth=0.8)
+        axes.barh(np.full(on.sum(), row), lengths[on], left=starts[on], height=0.72, color=BLUE, edgecolor="white", linewidth=0.8)
