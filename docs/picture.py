@@ -7,7 +7,7 @@ import numpy as np
 
 import obsdesign as od
 from obsdesign.report.figures._drawing import inline_svg
-from obsdesign.report.figures.eigenvector_panels import Panel, draw_panels
+from obsdesign.report.figures.eigenvector_panels import EigenvectorPanel, draw_panels
 
 ROOT = Path(__file__).parent.parent
 
@@ -32,7 +32,7 @@ def line_and_circle() -> str:
     for title, turn_rate in (("20 s on a line", 0.0), ("20 s on a circle", 2 * np.pi / 20)):
         path = od.simulate(system, (0.0, 0.0, 0.5, 2.0, -1.0), np.full(200, turn_rate), 0.1)
         values, vectors = np.linalg.eigh(scale @ od.variational_gramian(system, path).total @ scale)
-        panels.append(Panel(title, np.where(values < 1e-12 * values[-1], 0.0, values), vectors))
+        panels.append(EigenvectorPanel(title, np.where(values < 1e-12 * values[-1], 0.0, values), vectors))
     figure = draw_panels(panels, system.model.state_names)
     return inline_svg(figure, "eigenvectors", "Components of the eigenvectors of the information matrix")
 

@@ -2,152 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import Field
 
+from obsdesign.report.document_parts import DesignPart, DocumentPart, Number, PathPart, ScenarioPart, VerdictPart, ViolationPart
 from obsdesign.report.expectations import Expectation
 
 SCHEMA_VERSION = "1.5"
 
 
-def _null_if_infinite(value: Any) -> Any:  # noqa: ANN401
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-# JSON has no NaN and no infinity: both are null, and each field says what null means
-Number = Annotated[float | None, BeforeValidator(_null_if_infinite)]
-
-
-class _DocumentPart(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ScenarioPart(_DocumentPart):
-    """Which scenario this is the result of."""
-
-    title: str
-    file: str = Field(description="name of the file")
-    sha256: str = Field(description="of the file's bytes")
-    states: list[str]
-    state_units: list[str]
-    sensors: list[str]
-
-
-class VerdictPart(_DocumentPart):
-    """What a suite of sensors sees in a manoeuvre, at the start state."""
-
-    dimension: int = Field(description="of the observable space")
-    states: int = Field(description="n")
-    observable: bool
-    decided: bool = Field(description="false: the precision limit was reached and nothing is claimed")
-    ranks: list[int] = Field(description="after each sweep of Lie derivatives")
-    observable_states: list[str]
-    unobservable_states: list[str]
-    hidden: str = Field(description="the hidden directions in words")
-    null_space: list[list[float]] = Field(description="orthonormal hidden directions, each a list over the states")
-    proof: str
-
-
-class QualityPart(_DocumentPart):
-    """How well a suite of sensors sees the start state along a path, without a prior."""
-
-    value: Number = Field(description="criterion of S W S, S = prior standard deviations; null: minus infinity")
-    eigenvalues: list[float] = Field(description="of S W S, ascending, no unit")
-    std: list[Number] = Field(description="Cramer-Rao standard deviation per state in its unit; null: hidden")
-
-
-class ContributionPart(_DocumentPart):
-    """Who says what is known of one component of the start state."""
-
-    std: Number = Field(description="Cramer-Rao standard deviation in the state's unit; null: hidden")
-    by_sensor: dict[str, Number] = Field(description="share of each sensor, adding up to 1; null: hidden")
-    in_words: str
-
-
-class ViolationPart(_DocumentPart):
-    """A limit that a path breaks."""
-
-    what: str
-    time: float = Field(description="when it is broken most [s]")
-    by: float = Field(description="in `unit`")
-    unit: str
-
-
-class PathPart(_DocumentPart):
-    """A path and its quality for each suite of sensors."""
-
-    feasible: bool = Field(description="whether it satisfies every limit of the design")
-    shortfalls: list[ViolationPart] = Field(description="the limits that it breaks, worst first")
-    duration: float = Field(description="[s]")
-    quality: dict[str, QualityPart]
-    contributions: dict[str, ContributionPart] = Field(description="by state; all sensors on")
-
-
-class StartPart(_DocumentPart):
-    """One start of the solver."""
-
-    name: str
-    status: str
-    value: Number = Field(description="the objective, recomputed; null: no answer")
-    iterations: int
-    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
-    refined: bool = Field(description="false: left in a coarser family, as another start was better there")
-
-
-class CapPart(_DocumentPart):
-    """An upper bound on the value of every path."""
-
-    value: float
-    states: list[str] = Field(description="the block of S W S that no path changes")
-    reached: bool
-
-
-class OptimumPart(_DocumentPart):
-    """A local optimum and the starts that came to it."""
-
-    value: float = Field(description="the objective")
-    starts: list[str]
-
-
-class RobustnessPart(_DocumentPart):
-    """The criterion over fresh draws of the prior, the same inputs for all."""
-
-    draws: int
-    worst: float
-    five_percent: float = Field(description="95 % of the draws are above it")
-    mean: float
-
-
-class EvidencePart(_DocumentPart):
-    """How much better another path might be: evidence, not proof."""
-
-    estimate: Number = Field(description="no path above it was met in `climbs` climbs along the dual question")
-    remaining: Number = Field(description="1 - value / estimate")
-    dual: list[list[float]] = Field(description="Z >= 0, trace 1 over the judged states, of the estimate")
-    climbs: int
-    in_words: str
-
-
-class DesignPart(_DocumentPart):
-    """The path designed for a suite of sensors."""
-
-    status: str
-    value: Number = Field(description="criterion of S W S, recomputed; null: no answer")
-    objective: Number = Field(description="what was maximised: the value, of the prior's draws if robust, less prices")
-    eigenvalues: list[Number] = Field(description="the two smallest of S W S")
-    duration: float = Field(description="[s]")
-    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
-    iterations: int
-    cap: CapPart | None
-    optima: list[OptimumPart] = Field(description="distinct ones among the refined starts, best first")
-    robustness: RobustnessPart | None
-    evidence: EvidencePart | None
-    starts: list[StartPart]
-
-
-class LossPart(_DocumentPart):
+class LossPart(DocumentPart):
     """A sensor is lost."""
 
     kept: Number = Field(description="value of the schedule without it; null: too little is seen for the criterion")
@@ -155,7 +20,7 @@ class LossPart(_DocumentPart):
     bound: Number = Field(description="no schedule of the others is better than this")
 
 
-class ParetoPart(_DocumentPart):
+class ParetoPart(DocumentPart):
     """Information against what the energy budget counts: for each limit the best schedule found."""
 
     limits: list[float]
@@ -165,7 +30,7 @@ class ParetoPart(_DocumentPart):
     chosen: list[list[list[int]]] = Field(description="the schedules, (K, S) each")
 
 
-class SelectionPart(_DocumentPart):
+class SelectionPart(DocumentPart):
     """The sensor schedule along a path."""
 
     criterion: str = Field(description="kind of the criterion of S W S, from which what switching costs is taken off")
@@ -202,7 +67,7 @@ class SelectionPart(_DocumentPart):
     pareto: ParetoPart | None = Field(description="null: none was asked for")
 
 
-class PairPart(_DocumentPart):
+class PairPart(DocumentPart):
     """A path and a schedule for each other."""
 
     value: Number = Field(description="criterion of what the schedule sees along the path, less what switching costs; null: no answer")
@@ -210,7 +75,7 @@ class PairPart(_DocumentPart):
     trajectory: dict[str, list[float]] = Field(description="by state, and t; empty: no answer")
 
 
-class JointPart(_DocumentPart):
+class JointPart(DocumentPart):
     """Path and schedule chosen together, and one after the other."""
 
     status: str
@@ -222,7 +87,7 @@ class JointPart(_DocumentPart):
     gap: Number
 
 
-class ValidationPart(_DocumentPart):
+class ValidationPart(DocumentPart):
     """Filter runs on one path with one schedule."""
 
     verdict: str = Field(description="consistent, overconfident or underconfident")
@@ -236,7 +101,7 @@ class ValidationPart(_DocumentPart):
     runs: int
 
 
-class PlanPart(_DocumentPart):
+class PlanPart(DocumentPart):
     """A plan made on a flight."""
 
     status: str
@@ -245,7 +110,7 @@ class PlanPart(_DocumentPart):
     value: Number = Field(description="objective of the plan, what the filter knows included; null: not computed")
 
 
-class FlightHistoryPart(_DocumentPart):
+class FlightHistoryPart(DocumentPart):
     """A flight with the filter in the loop; histories by state or input."""
 
     truth: dict[str, list[float]]
@@ -259,7 +124,7 @@ class FlightHistoryPart(_DocumentPart):
     margin: Number = Field(description="least margin of the limits along the true states, 1 = a tolerance or radius; null: no limits")
 
 
-class FlightPart(_DocumentPart):
+class FlightPart(DocumentPart):
     """A flight that was planned anew on the way, and the same with all inputs in the middle of their ranges."""
 
     t: list[float]
@@ -269,7 +134,7 @@ class FlightPart(_DocumentPart):
     feasible_plans: int
 
 
-class Result(_DocumentPart):
+class Result(DocumentPart):
     """Everything a study found. The same scenario, seed and versions give the same bytes save for `timings`."""
 
     schema_version: str

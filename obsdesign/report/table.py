@@ -22,7 +22,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     """A column: what stands above it, with its unit, and how its numbers are written."""
 
     head: str
@@ -46,7 +46,7 @@ class Table:
 
     title: str
     good: str
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...] = ()
 
@@ -60,16 +60,16 @@ class Table:
         return not any(row[column].text[:2].strip(MINUS + "≥" + NARROW)[:1].isdigit() for row in self.rows)
 
 
-def tabulate(title: str, good: str, columns: Sequence[Column], rows: Iterable[Sequence[Entry]], notes: Sequence[str] = ()) -> Table:
+def tabulate(title: str, good: str, columns: Sequence[TableColumn], rows: Iterable[Sequence[Entry]], notes: Sequence[str] = ()) -> Table:
     """Return the table of entries: words as they are, numbers as their column writes them."""
     cells = (tuple(_cell(column, entry) for column, entry in zip(columns, row, strict=True)) for row in rows)
     return Table(title, good, tuple(columns), tuple(cells), tuple(notes))
 
 
-def signal_column(signal: Signal) -> Column:
+def signal_column(signal: Signal) -> TableColumn:
     """Return the column of a signal, in the unit people read it in."""
     factor, _ = display_unit(signal)
-    return Column(signal_label(signal), lambda value: numeral(value * factor))
+    return TableColumn(signal_label(signal), lambda value: numeral(value * factor))
 
 
 def deviation(value: float) -> Entry:
@@ -97,6 +97,6 @@ def seconds(value: float) -> str:
     return plain(round(value, 9))
 
 
-def _cell(column: Column, entry: Entry) -> Cell:
+def _cell(column: TableColumn, entry: Entry) -> Cell:
     value, tone = (entry.value, entry.tone) if isinstance(entry, Toned) else (entry, "")
     return Cell(value if isinstance(value, str) else column.show(float(value)), tone)

@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from obsdesign.report.document import DesignPart, Result, SelectionPart, ValidationPart
-from obsdesign.report.table import Column, Entry, Table, tabulate
+from obsdesign.report.table import Entry, Table, TableColumn, tabulate
 from obsdesign.status import Status
 
 
@@ -39,7 +39,7 @@ def _hidden(result: Result) -> Table:
     suites = [(suite, everything if suite == "all" else suite) for suite in result.designs or ("all",)]
     verdicts = [(suite, manoeuvre, seen[key]) for suite, key in suites for manoeuvre, seen in result.analyses.items()]
     rows = [(suite, manoeuvre, f"{seen.dimension} of {seen.states}", seen.hidden) for suite, manoeuvre, seen in verdicts]
-    return tabulate("1 Can it?", "", tuple(map(Column, ("sensors", "manoeuvre", "seen", "hidden"))), rows)
+    return tabulate("1 Can it?", "", tuple(map(TableColumn, ("sensors", "manoeuvre", "seen", "hidden"))), rows)
 
 
 def _paths(result: Result) -> Table:
@@ -48,7 +48,7 @@ def _paths(result: Result) -> Table:
         (name, "yes" if path.feasible else "no", *(_value(path.quality[suite].value) for suite in suites))
         for name, path in result.paths.items()
     ]
-    columns = (Column("path"), Column("meets constraints"), *(Column(f"value ({suite})", _number) for suite in suites))
+    columns = (TableColumn("path"), TableColumn("meets constraints"), *(TableColumn(f"value ({suite})", _number) for suite in suites))
     caps = tuple(filter(None, (_cap(suite, design) for suite, design in result.designs.items())))
     return tabulate("2 How?", "value: more is better; no unit, scaled by the prior", columns, rows, caps)
 
@@ -83,7 +83,7 @@ def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> T
     rules = [f"rule: {rule}" for rule in selection.rules]
     notes = [f"status: {Status[selection.status].value}", about, *rules, *selection.notes]
     good = f"{selection.criterion_label} of S W S: more is better; no unit"
-    return tabulate(f"{title}{of}", good, (Column("schedule"), Column("value", _number)), rows, notes)
+    return tabulate(f"{title}{of}", good, (TableColumn("schedule"), TableColumn("value", _number)), rows, notes)
 
 
 def _gap(selection: SelectionPart) -> str:
@@ -98,8 +98,10 @@ def _sensors(selection: SelectionPart) -> Table:
         loss = selection.losses.get(name)
         left = ("", "", "") if loss is None else tuple(map(_value, (loss.kept, loss.rechosen, loss.bound)))
         rows.append((name, seconds, *left))
-    values = (Column(head, _number) for head in ("kept", "chosen anew", "bound"))
-    return tabulate("Sensors, and what is left when one is lost", "", (Column("sensor"), Column("on [s]", _general), *values), rows)
+    values = (TableColumn(head, _number) for head in ("kept", "chosen anew", "bound"))
+    return tabulate(
+        "Sensors, and what is left when one is lost", "", (TableColumn("sensor"), TableColumn("on [s]", _general), *values), rows
+    )
 
 
 def _general(value: float) -> str:
@@ -114,7 +116,7 @@ def _filter(result: Result) -> Table:
         ("NEES in band", *(f"{check.in_band:.0%}" for check in cases.values())),
         ("filter", *(check.verdict for check in cases.values())),
     ]
-    columns = (Column(""), *(Column(f"{path}\n{name}") for path, name in cases))
+    columns = (TableColumn(""), *(TableColumn(f"{path}\n{name}") for path, name in cases))
     return tabulate("4 Does it hold?", "RMSE at the end, in brackets its bound; less is better", columns, rows)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -11,43 +10,31 @@ from statistics import median
 import numpy as np
 
 import obsdesign
-from obsdesign.design.record import Design, Evidence, Start
-from obsdesign.design.violation import Violation
+from obsdesign.design.record import Design
 from obsdesign.estimation.validation import Validation
-from obsdesign.information.contribution_shares import Contributions
 from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report.derived_quantities import PATH_FIRST, SENSORS_FIRST, TOGETHER, joint_answers, segment_nodes
 from obsdesign.report.document import (
     SCHEMA_VERSION,
-    CapPart,
-    ContributionPart,
-    DesignPart,
-    EvidencePart,
     FlightHistoryPart,
     FlightPart,
     JointPart,
     LossPart,
-    OptimumPart,
     PairPart,
     ParetoPart,
-    PathPart,
     PlanPart,
-    QualityPart,
     Result,
-    RobustnessPart,
-    ScenarioPart,
     SelectionPart,
-    StartPart,
     ValidationPart,
-    VerdictPart,
-    ViolationPart,
 )
+from obsdesign.report.document_parts import ScenarioPart, VerdictPart
 from obsdesign.report.expectations import Expectation, check_expectations
+from obsdesign.report.paths_to_document import design_part, path_part, suite_key, violation_parts
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
-from obsdesign.study.record import Analysis, Candidate, Quality, Study
+from obsdesign.study.record import Analysis, Study
 
 _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
 
@@ -61,11 +48,6 @@ def document_of(study: Study) -> Result:
 def versions() -> dict[str, str]:
     """Return the versions that may change a number."""
     return {"obsdesign": obsdesign.__version__, "python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
-
-
-def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
-    """Return the key of a suite: all, or its sensors joined with +."""
-    return "all" if set(sensors) == set(study.scenario.sensor_names) else "+".join(sensors)
 
 
 def _build_document(study: Study, expected: list[Expectation]) -> Result:
@@ -83,8 +65,8 @@ def _build_document(study: Study, expected: list[Expectation]) -> Result:
         analyses={
             name: {"+".join(entry.sensors): _verdict(entry) for entry in study.analyses if entry.manoeuvre == name} for name in manoeuvres
         },
-        designs={suite: _design(design) for suite, design in zip(suites, study.designs, strict=True)},
-        paths={candidate.name: _path(study, candidate) for candidate in study.candidates},
+        designs={suite: design_part(design) for suite, design in zip(suites, study.designs, strict=True)},
+        paths={candidate.name: path_part(study, candidate) for candidate in study.candidates},
         selection=_selection(study),
         selections={path_study.about: _selection(path_study) for path_study in study.each},
         t=study.main.path.t.tolist(),
@@ -122,70 +104,6 @@ def _verdict(analysis: Analysis) -> VerdictPart:
         null_space=verdict.null_space.T.tolist(),
         proof=verdict.proof,
     )
-
-
-def _design(design: Design) -> DesignPart:
-    cap, robustness, evidence = design.cap, design.robustness, design.evidence
-    return DesignPart(
-        status=design.status.name,
-        value=design.value,
-        objective=design.objective,
-        eigenvalues=list(design.eigenvalues),
-        duration=design.problem.longest,
-        residual=design.residual,
-        iterations=design.iterations,
-        cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
-        optima=[OptimumPart(value=optimum.value, starts=list(optimum.starts)) for optimum in design.optima],
-        robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
-        evidence=None if evidence is None else _evidence(evidence),
-        starts=[_start(start) for start in design.starts],
-    )
-
-
-def _start(start: Start) -> StartPart:
-    return StartPart(
-        name=start.name,
-        status=start.status.name,
-        value=start.value,
-        iterations=start.iterations,
-        residual=start.residual,
-        refined=start.refined,
-    )
-
-
-def _evidence(evidence: Evidence) -> EvidencePart:
-    return EvidencePart(
-        estimate=evidence.estimate,
-        remaining=evidence.remaining,
-        dual=evidence.Z.tolist(),
-        climbs=evidence.climbs,
-        in_words=evidence.in_words,
-    )
-
-
-def _path(study: Study, candidate: Candidate) -> PathPart:
-    return PathPart(
-        feasible=candidate.feasible,
-        shortfalls=_violation_parts(candidate.violations),
-        duration=candidate.duration,
-        quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
-        contributions=_contributions(candidate.contributions),
-    )
-
-
-def _contributions(contributions: Contributions) -> dict[str, ContributionPart]:
-    return {
-        state.name: ContributionPart(
-            std=float(contributions.std[i]),
-            by_sensor=dict(zip(contributions.sensors, contributions.shares[i].sum(axis=0).tolist(), strict=True)),
-            in_words=contributions.sentences[i],
-        )
-        for i, state in enumerate(contributions.states)
-    }
-
-
-def _quality(quality: Quality) -> QualityPart:
-    return QualityPart(value=quality.value, eigenvalues=quality.eigenvalues.tolist(), std=quality.std.tolist())
 
 
 def _selection(study: Study) -> SelectionPart:
@@ -276,17 +194,13 @@ def _flight_history(study: Study, flight: Flight) -> FlightHistoryPart:
         nees=flight.nees.tolist(),
         final_error=dict(zip(states, final_errors(study, flight).tolist(), strict=True)),
         final_std=dict(zip(states, flight.std[-1].tolist(), strict=True)),
-        shortfalls=_violation_parts(flight_violations(study, flight)),
+        shortfalls=violation_parts(flight_violations(study, flight)),
         margin=smallest_margin(study, flight),
     )
 
 
 def _by_name(names: tuple[str, ...], values: np.ndarray) -> dict[str, list[float]]:
     return dict(zip(names, values.T.tolist(), strict=True))
-
-
-def _violation_parts(violations: tuple[Violation, ...]) -> list[ViolationPart]:
-    return [ViolationPart(what=violation.what, time=violation.time, by=violation.by, unit=violation.unit) for violation in violations]
 
 
 def _timings(study: Study) -> dict[str, float]:

@@ -23,7 +23,7 @@ _MIN_NAMED = 0.15  # components of a direction smaller than this go without sayi
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class EigenvectorPanel:
     """Eigenvalues (n,), ascending, and eigenvectors (n, n), in columns, under a title."""
 
     title: str
@@ -42,13 +42,13 @@ def eigenvectors(design: Design) -> Figure:
     if design.information is None:
         raise InputError(f"design: has no path to draw: {design.status.value}")
     values, vectors = np.linalg.eigh(design.problem.scaled(design.information.total))
-    return draw_panels([Panel("designed, all sensors", without_zeros(values), vectors)], design.problem.system.model.state_names)
+    return draw_panels([EigenvectorPanel("designed, all sensors", without_zeros(values), vectors)], design.problem.system.model.state_names)
 
 
 def picture(study: Study) -> Picture:
     """Return the eigenvectors of S W S for the baseline and the designed path, one row per suite of sensors."""
     panels = [
-        Panel(f"{name}, {sensors_in_words(study, quality.sensors)}", clean_eigenvalues(quality), quality.vectors)
+        EigenvectorPanel(f"{name}, {sensors_in_words(study, quality.sensors)}", clean_eigenvalues(quality), quality.vectors)
         for suite in range(len(study.suites))
         for name in (study.baseline, DESIGNED)
         for quality in (study.candidate(name).qualities[suite],)
@@ -70,7 +70,7 @@ def _caption(study: Study) -> str:
     )
 
 
-def draw_panels(panels: Sequence[Panel], states: Sequence[str]) -> Figure:
+def draw_panels(panels: Sequence[EigenvectorPanel], states: Sequence[str]) -> Figure:
     """Draw panels two to a row: a row for each state, a column for each eigenvector."""
     rows = (len(panels) + 1) // 2
 
@@ -87,7 +87,7 @@ def draw_panels(panels: Sequence[Panel], states: Sequence[str]) -> Figure:
     return styled_figure(0.7 + (0.7 + 0.24 * len(states)) * rows, paint)
 
 
-def _draw_panel(axes: Axes, panel: Panel, states: Sequence[str]) -> None:
+def _draw_panel(axes: Axes, panel: EigenvectorPanel, states: Sequence[str]) -> None:
     # the sign of an eigenvector means nothing: the largest component is shown as positive
     largest = np.take_along_axis(panel.vectors, np.abs(panel.vectors).argmax(axis=0)[None], axis=0)
     vectors = panel.vectors * np.sign(largest)

@@ -15,6 +15,7 @@ from matplotlib.patches import Ellipse
 from obsdesign.arguments import validate_arguments
 from obsdesign.design.record import Design
 from obsdesign.errors import InputError
+from obsdesign.information.blocks import Information
 from obsdesign.information.contribution_shares import contributions
 from obsdesign.report.derived_quantities import drawing_suffix, position_covariances, segment_shares
 from obsdesign.report.figures._drawing import INK, Picture, inline_svg, light_grid, styled_figure
@@ -24,6 +25,7 @@ from obsdesign.report.names import path_in_words
 from obsdesign.report.number_format import NARROW, numeral, plain
 from obsdesign.scenario.schema import DESIGNED, SHORTEST, WEAVE
 from obsdesign.study.record import Study
+from obsdesign.trajectory import Trajectory
 
 _MAX_SEGMENTS = 40  # of a path alone: so many colours still tell where information comes from
 _DASHES = ("-", "--", ":", "-.")
@@ -42,7 +44,7 @@ def path(design: Design) -> Figure:
         raise InputError(f"design: has no path to draw: {design.status.value}")
     if not {"x", "y"} <= set(names):
         raise InputError(f"design: the states are {', '.join(names)}: a map needs x and y")
-    return draw_map(_contents_of_design(design))
+    return draw_map(_contents_of_design(design, design.trajectory, design.information))
 
 
 def picture(study: Study) -> Picture | None:
@@ -73,9 +75,8 @@ def contents_of(study: Study) -> MapContents:
     )
 
 
-def _contents_of_design(design: Design) -> MapContents:
-    problem, trajectory, information = design.problem, design.trajectory, design.information
-    assert trajectory is not None and information is not None
+def _contents_of_design(design: Design, trajectory: Trajectory, information: Information) -> MapContents:
+    problem = design.problem
     every = -(-trajectory.steps // _MAX_SEGMENTS)
     nodes = np.append(np.arange(0, trajectory.steps, every), trajectory.steps)
     shares = contributions(problem.system, information, None, problem.units).weakest_shares.sum(axis=1)

@@ -23,7 +23,7 @@ _LETTERS = 56  # that fit side by side below the columns
 
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class SpectrumPanel:
     """Eigenvalues (n,) of each path, ascending, 0 where they cannot be told from it, and the cap on the smallest one."""
 
     title: str
@@ -43,7 +43,7 @@ def spectrum(design: Design) -> Figure:
         raise InputError(f"design: has no path to draw: {design.status.value}")
     eigenvalues = without_zeros(np.linalg.eigvalsh(design.problem.scaled(design.information.total)))
     cap = None if design.cap is None else design.cap.value
-    return draw_spectra([Panel("all sensors", {"designed": eigenvalues}, cap)], {"designed": BLUE})
+    return draw_spectra([SpectrumPanel("all sensors", {"designed": eigenvalues}, cap)], {"designed": BLUE})
 
 
 def picture(study: Study) -> Picture:
@@ -54,12 +54,12 @@ def picture(study: Study) -> Picture:
     return Picture(inline_svg(figure, "spectrum", description), _caption(study))
 
 
-def _panels(study: Study) -> list[Panel]:
+def _panels(study: Study) -> list[SpectrumPanel]:
     panels = []
     for suite, sensors in enumerate(study.suites):
         eigenvalues = {candidate.name: clean_eigenvalues(candidate.qualities[suite]) for candidate in study.candidates}
         cap = cap_for(study, sensors) if judged_by_eigenvalue(study) else None
-        panels.append(Panel(sensors_in_words(study, sensors), eigenvalues, None if cap is None else cap.value))
+        panels.append(SpectrumPanel(sensors_in_words(study, sensors), eigenvalues, None if cap is None else cap.value))
     return panels
 
 
@@ -70,7 +70,7 @@ def _caption(study: Study) -> str:
     return f"The large dot of each path is what is known of the combination of states that is known least: higher is better.{tail}"
 
 
-def draw_spectra(panels: Sequence[Panel], colours: Mapping[str, str]) -> Figure:
+def draw_spectra(panels: Sequence[SpectrumPanel], colours: Mapping[str, str]) -> Figure:
     """Draw panels one below the other, a column for each path in its colour, eigenvalues that are 0 hollow at the floor."""
     everything = np.concatenate([values for panel in panels for values in panel.eigenvalues.values()])
     lowest = everything[everything > 0].min()
@@ -88,7 +88,7 @@ def draw_spectra(panels: Sequence[Panel], colours: Mapping[str, str]) -> Figure:
     return styled_figure(0.7 + 2.1 * len(panels), paint)
 
 
-def _draw_panel(axes: Axes, panel: Panel, colours: Mapping[str, str], floor: float) -> None:
+def _draw_panel(axes: Axes, panel: SpectrumPanel, colours: Mapping[str, str], floor: float) -> None:
     light_grid(axes, "y")
     for column, (name, values) in enumerate(panel.eigenvalues.items()):
         _draw_spectrum(axes, column, values, floor, colours[name])

@@ -8,7 +8,7 @@ from obsdesign.information.contribution_shares import shortest_bulk
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.names import criterion_name, path_in_words, violations_in_words
 from obsdesign.report.number_format import NARROW, NOTHING, display_unit, numeral, plain, signal_label
-from obsdesign.report.table import Column, Entry, Table, Toned, deviation, hundredths, signal_column, tabulate, whole_hundredths
+from obsdesign.report.table import Entry, Table, TableColumn, Toned, deviation, hundredths, signal_column, tabulate, whole_hundredths
 from obsdesign.signals import Signal
 from obsdesign.study.record import Candidate, Quality, Study
 
@@ -22,15 +22,15 @@ def paths_table(study: Study) -> Table:
     """Value, smallest eigenvalues, Cramér-Rao bounds, feasibility and cap of every path for every suite."""
     name = criterion_name(study)
     columns = (
-        Column("path"),
-        *((Column("sensors"),) if len(study.suites) > 1 else ()),
-        *((Column("duration [s]", plain),) if _durations_differ(study) else ()),
-        Column(f"{name} [–]"),
-        *(() if _value_is_eigenvalue(study) else (Column("λmin [–]"),)),
-        Column("second [–]"),
+        TableColumn("path"),
+        *((TableColumn("sensors"),) if len(study.suites) > 1 else ()),
+        *((TableColumn("duration [s]", plain),) if _durations_differ(study) else ()),
+        TableColumn(f"{name} [–]"),
+        *(() if _value_is_eigenvalue(study) else (TableColumn("λmin [–]"),)),
+        TableColumn("second [–]"),
         *map(signal_column, facts.states_of(study)),
-        *((Column("meets the limits"),) if _has_limits(study) else ()),
-        *((Column("below its cap [%]", hundredths),) if _has_cap(study) else ()),
+        *((TableColumn("meets the limits"),) if _has_limits(study) else ()),
+        *((TableColumn("below its cap [%]", hundredths),) if _has_cap(study) else ()),
     )
     return tabulate(
         "Paths",
@@ -60,10 +60,10 @@ def contributions_table(study: Study) -> Table:
         "Good: small standard deviations that do not hang on one sensor. Known to: the Cramér-Rao bound on the start state; the shares of "
         "the sensors in what is known add up to 100; most of it: the shortest stretch that holds 70 % of the largest share.",
         (
-            Column("state"),
-            Column("known to"),
-            *(Column(f"{name} [%]", whole_hundredths) for name in contributions.sensors),
-            Column("most of it"),
+            TableColumn("state"),
+            TableColumn("known to"),
+            *(TableColumn(f"{name} [%]", whole_hundredths) for name in contributions.sensors),
+            TableColumn("most of it"),
         ),
         (*rows, weakest),
     )

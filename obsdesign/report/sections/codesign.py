@@ -10,7 +10,7 @@ from obsdesign.report.figures import joint_map
 from obsdesign.report.names import criterion_name, has_relative_gap
 from obsdesign.report.number_format import numeral, percent
 from obsdesign.report.section import Section
-from obsdesign.report.table import Column, Table, Toned, finite, seconds, tabulate
+from obsdesign.report.table import Table, TableColumn, Toned, finite, seconds, tabulate
 from obsdesign.status import Status
 from obsdesign.study.record import Study
 
@@ -49,10 +49,10 @@ def answers_table(study: Study, joint: Joint) -> Table:
         (name, Toned(value, "good" if name == facts.TOGETHER else ""), *(total * float(on) for on in schedule.chosen.sum(axis=0)))
         for name, (_, schedule, value) in facts.joint_answers(joint).items()
     )
-    on = (Column(f"{name} on [s]", seconds) for name in study.scenario.sensor_names)
+    on = (TableColumn(f"{name} on [s]", seconds) for name in study.scenario.sensor_names)
     return tabulate(
         "Path and schedule, one after the other and together",
         "Good: together is never below the others, as its search begins at both.",
-        (Column("chosen"), Column(f"{criterion_name(study)} [–]", finite), *on),
+        (TableColumn("chosen"), TableColumn(f"{criterion_name(study)} [–]", finite), *on),
         rows,
     )

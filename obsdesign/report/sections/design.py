@@ -11,7 +11,7 @@ from obsdesign.report.names import criterion_name, path_in_words
 from obsdesign.report.number_format import NARROW, join, numeral, percent, plain
 from obsdesign.report.section import Section
 from obsdesign.report.sections._paths import contributions_table, path_value, paths_table
-from obsdesign.report.table import Column, Table, Toned, tabulate
+from obsdesign.report.table import Table, TableColumn, Toned, tabulate
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.signals import DEGREES_PER_RADIAN
 from obsdesign.study.record import Study
@@ -99,7 +99,7 @@ def starts_table(study: Study, suite: int) -> Table:
     return tabulate(
         f"Starts of the solver, designed for {words}",
         f"Good: large {name}, and several starts that agree on it. The best (green) is taken; each is a local optimum at best.",
-        (Column("start"), Column(f"{name} [–]"), Column("iterations [–]", plain), Column("status")),
+        (TableColumn("start"), TableColumn(f"{name} [–]"), TableColumn("iterations [–]", plain), TableColumn("status")),
         rows,
     )
 

@@ -16,7 +16,7 @@ from obsdesign.report.figures import flight_estimates, flight_map
 from obsdesign.report.names import violations_in_words
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, plain, signal_label, with_unit
 from obsdesign.report.section import Section
-from obsdesign.report.table import Column, Table, tabulate
+from obsdesign.report.table import Table, TableColumn, tabulate
 from obsdesign.scenario.schema import FlightTable
 from obsdesign.study.record import Study
 
@@ -110,7 +110,7 @@ def errors_table(study: Study, flight: Flight) -> Table:
         "What is known at the end of the flight",
         f"Good: small standard deviations (1σ) of the filter, and errors of that size. One flight is one draw: an honest filter's NEES "
         f"is {n} on average over many. Mean over this flight: {'; '.join(nees)}.",
-        (Column("state"), *(Column(f"{name}, {what} [as the state]") for name in names for what in ("error", "1σ"))),
+        (TableColumn("state"), *(TableColumn(f"{name}, {what} [as the state]") for name in names for what in ("error", "1σ"))),
         rows,
     )
 
@@ -127,6 +127,6 @@ def plans_table(study: Study, flight: Flight) -> Table:
         "Plans on the way",
         f"Good: plans that keep every limit, here {valid} of {len(flight.statuses)}. A plan goes on where the one before stopped and takes "
         "few iterations: stopping at their limit is usual.",
-        (Column("how the climb ended"), Column("what was flown"), Column("plans [–]", plain)),
+        (TableColumn("how the climb ended"), TableColumn("what was flown"), TableColumn("plans [–]", plain)),
         rows,
     )

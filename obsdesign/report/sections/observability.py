@@ -6,7 +6,7 @@ from obsdesign.analysis.verdict import Verdict
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.number_format import NARROW, join, numeral, typeset
 from obsdesign.report.section import Section
-from obsdesign.report.table import Column, Table, Toned, tabulate
+from obsdesign.report.table import Table, TableColumn, Toned, tabulate
 from obsdesign.signals import Signal
 from obsdesign.study.record import Analysis, Study
 
@@ -75,7 +75,7 @@ def subsets_table(study: Study) -> Table:
     return tabulate(
         "Dimension of the observable space",
         f"Good is {n} of {n}: every state can be found from the measurements.{letters}",
-        (Column("sensors"), *(Column(f"{name} [dimensions]") for name in manoeuvres)),
+        (TableColumn("sensors"), *(TableColumn(f"{name} [dimensions]") for name in manoeuvres)),
         ((" + ".join(subset), *(_dimension(verdicts[subset, manoeuvre], hidden) for manoeuvre in manoeuvres)) for subset in subsets),
         tuple(f"{_letter(i)}{NARROW}: {typeset(text)}." for i, text in enumerate(hidden)),
     )
@@ -89,7 +89,7 @@ def hidden_table(study: Study, analysis: Analysis) -> Table:
     return tabulate(
         f"What {who} cannot see, {analysis.manoeuvre}",
         "Good would be no direction at all. Moving the start state by any multiple of a column changes no measurement (to first order).",
-        (Column("state"), *(Column(f"direction {k + 1}") for k in columns)),
+        (TableColumn("state"), *(TableColumn(f"direction {k + 1}") for k in columns)),
         ((signal.name, *(_component(space[i, k], signal) for k in columns)) for i, signal in enumerate(facts.states_of(study))),
     )
 

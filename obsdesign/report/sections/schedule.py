@@ -14,7 +14,7 @@ from obsdesign.report.number_format import NARROW, join, numeral, plain, typeset
 from obsdesign.report.section import Section
 from obsdesign.report.sections._rules import rule_in_words
 from obsdesign.report.sections._segment_traits import segment_traits, usage_in_words
-from obsdesign.report.table import Column, Entry, Table, Toned, finite, hundredths, seconds, tabulate
+from obsdesign.report.table import Entry, Table, TableColumn, Toned, finite, hundredths, seconds, tabulate
 from obsdesign.status import Status
 from obsdesign.study.record import RivalSchedule, Study
 
@@ -127,14 +127,14 @@ def usage_table(study: Study) -> Table:
 
     shares = " Shares are of a sensor's own time." if has_turns or has_beacons else ""
     near = " Near its beacon is nearer than half of the path." if has_beacons else ""
-    columns = (Column("in turns [%]", hundredths),) * has_turns + (Column("near its beacon [%]", hundredths),) * has_beacons
+    columns = (TableColumn("in turns [%]", hundredths),) * has_turns + (TableColumn("near its beacon [%]", hundredths),) * has_beacons
     rows = [
         row(name, on[:, s], traits.is_near[:, s] if traits.has_beacon[s] else None) for s, name in enumerate(study.scenario.sensor_names)
     ]
     return tabulate(
         f"Where the sensors are on, {path_in_words(study.about).removeprefix('the ')}",
         f"Good: only what is needed.{shares}{near}",
-        (Column("sensor"), Column("on [s]", seconds), Column("of the path [%]", hundredths), *columns),
+        (TableColumn("sensor"), TableColumn("on [s]", seconds), TableColumn("of the path [%]", hundredths), *columns),
         (*rows, row("the path itself", everything, None)),
     )
 
@@ -150,13 +150,13 @@ def losses_table(study: Study) -> Table:
         )
         for loss in study.selection.losses
     )
-    share = Column("kept" if _compares_differences(study) else "kept [%]", hundredths)
-    values = (Column(f"{name} kept [–]", finite), Column(f"{name}, chosen anew [–]", finite), Column("bound [–]", finite))
+    share = TableColumn("kept" if _compares_differences(study) else "kept [%]", hundredths)
+    values = (TableColumn(f"{name} kept [–]", finite), TableColumn(f"{name}, chosen anew [–]", finite), TableColumn("bound [–]", finite))
     return tabulate(
         "When a sensor is lost",
         f"Good: a schedule that keeps most of its {name}, {numeral(value)}, whichever sensor fails. Kept: by this schedule without the "
         "sensor; chosen anew: by a schedule of the other sensors, none of which is above the bound.",
-        (Column("lost sensor"), share, *values),
+        (TableColumn("lost sensor"), share, *values),
         rows,
     )
 
@@ -189,11 +189,11 @@ def schedules_table(study: Study) -> Table:
         (label, Toned(value, "good" if label == facts.CHOSEN else ""), *((value / bound,) if has_shares else ()))
         for label, value in values.items()
     )
-    share = (Column("of the bound [%]", hundredths),) if has_shares else ()
+    share = (TableColumn("of the bound [%]", hundredths),) if has_shares else ()
     return tabulate(
         f"Schedules on {path_in_words(study.about)}",
         f"Good: large {name} of S W S, near the bound that no schedule with {study.scenario.selection.per_segment} on at a time exceeds.",
-        (Column("schedule"), Column(f"{name} [–]", finite), *share),
+        (TableColumn("schedule"), TableColumn(f"{name} [–]", finite), *share),
         rows,
         _schedule_notes(study),
     )

@@ -19,6 +19,7 @@ def answer(study: Study) -> str:
 
 
 def headline(study: Study) -> tuple[KeyNumber, ...]:
+    """Return the number that stands for each section."""
     everything = [analysis.verdict for analysis in study.analyses if set(analysis.sensors) == set(study.scenario.sensor_names)]
     dimension, n = max((verdict.dimension for verdict in everything), default=0), len(study.scenario.state_names)
     can = KeyNumber("can", f"{dimension} of {n}", "dimensions seen with all sensors")

@@ -10,7 +10,7 @@ from obsdesign.report.figures import error_histories, nees
 from obsdesign.report.names import capitalise, path_in_words, path_suffix
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, percent, plain, signal_label
 from obsdesign.report.section import Section
-from obsdesign.report.table import Column, Entry, Table, Toned, hundredths, tabulate
+from obsdesign.report.table import Entry, Table, TableColumn, Toned, hundredths, tabulate
 from obsdesign.study.record import FilterCheck, Study
 
 
@@ -31,12 +31,12 @@ def checks_table(study: Study) -> Table:
         f"95{NARROW}% band, {numeral(low)} to {numeral(high)}, at {plain(100 * CONSISTENT_SHARE)}{NARROW}% or more of the instants after "
         f"{plain(facts.settling_time(study))}{NARROW}s.",
         (
-            Column("path"),
-            Column("schedule"),
-            *(Column(signal_label(signal)) for signal in facts.states_of(study)),
-            Column("in the band [%]", hundredths),
-            Column("highest NEES [–]"),
-            Column("filter"),
+            TableColumn("path"),
+            TableColumn("schedule"),
+            *(TableColumn(signal_label(signal)) for signal in facts.states_of(study)),
+            TableColumn("in the band [%]", hundredths),
+            TableColumn("highest NEES [–]"),
+            TableColumn("filter"),
         ),
         (_check_row(study, check) for check in study.checks),
     )

@@ -1,0 +1,145 @@
+"""Parts of result.json: the scenario, what is observable, paths and their designs."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+
+def _null_if_infinite(value: Any) -> Any:  # noqa: ANN401
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+# JSON has no NaN and no infinity: both are null, and each field says what null means
+Number = Annotated[float | None, BeforeValidator(_null_if_infinite)]
+
+
+class DocumentPart(BaseModel):
+    """What all parts share: frozen, and nothing in them that the schema does not name."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ScenarioPart(DocumentPart):
+    """Which scenario this is the result of."""
+
+    title: str
+    file: str = Field(description="name of the file")
+    sha256: str = Field(description="of the file's bytes")
+    states: list[str]
+    state_units: list[str]
+    sensors: list[str]
+
+
+class VerdictPart(DocumentPart):
+    """What a suite of sensors sees in a manoeuvre, at the start state."""
+
+    dimension: int = Field(description="of the observable space")
+    states: int = Field(description="n")
+    observable: bool
+    decided: bool = Field(description="false: the precision limit was reached and nothing is claimed")
+    ranks: list[int] = Field(description="after each sweep of Lie derivatives")
+    observable_states: list[str]
+    unobservable_states: list[str]
+    hidden: str = Field(description="the hidden directions in words")
+    null_space: list[list[float]] = Field(description="orthonormal hidden directions, each a list over the states")
+    proof: str
+
+
+class QualityPart(DocumentPart):
+    """How well a suite of sensors sees the start state along a path, without a prior."""
+
+    value: Number = Field(description="criterion of S W S, S = prior standard deviations; null: minus infinity")
+    eigenvalues: list[float] = Field(description="of S W S, ascending, no unit")
+    std: list[Number] = Field(description="Cramer-Rao standard deviation per state in its unit; null: hidden")
+
+
+class ContributionPart(DocumentPart):
+    """Who says what is known of one component of the start state."""
+
+    std: Number = Field(description="Cramer-Rao standard deviation in the state's unit; null: hidden")
+    by_sensor: dict[str, Number] = Field(description="share of each sensor, adding up to 1; null: hidden")
+    in_words: str
+
+
+class ViolationPart(DocumentPart):
+    """A limit that a path breaks."""
+
+    what: str
+    time: float = Field(description="when it is broken most [s]")
+    by: float = Field(description="in `unit`")
+    unit: str
+
+
+class PathPart(DocumentPart):
+    """A path and its quality for each suite of sensors."""
+
+    feasible: bool = Field(description="whether it satisfies every limit of the design")
+    shortfalls: list[ViolationPart] = Field(description="the limits that it breaks, worst first")
+    duration: float = Field(description="[s]")
+    quality: dict[str, QualityPart]
+    contributions: dict[str, ContributionPart] = Field(description="by state; all sensors on")
+
+
+class StartPart(DocumentPart):
+    """One start of the solver."""
+
+    name: str
+    status: str
+    value: Number = Field(description="the objective, recomputed; null: no answer")
+    iterations: int
+    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
+    refined: bool = Field(description="false: left in a coarser family, as another start was better there")
+
+
+class CapPart(DocumentPart):
+    """An upper bound on the value of every path."""
+
+    value: float
+    states: list[str] = Field(description="the block of S W S that no path changes")
+    reached: bool
+
+
+class OptimumPart(DocumentPart):
+    """A local optimum and the starts that came to it."""
+
+    value: float = Field(description="the objective")
+    starts: list[str]
+
+
+class RobustnessPart(DocumentPart):
+    """The criterion over fresh draws of the prior, the same inputs for all."""
+
+    draws: int
+    worst: float
+    five_percent: float = Field(description="95 % of the draws are above it")
+    mean: float
+
+
+class EvidencePart(DocumentPart):
+    """How much better another path might be: evidence, not proof."""
+
+    estimate: Number = Field(description="no path above it was met in `climbs` climbs along the dual question")
+    remaining: Number = Field(description="1 - value / estimate")
+    dual: list[list[float]] = Field(description="Z >= 0, trace 1 over the judged states, of the estimate")
+    climbs: int
+    in_words: str
+
+
+class DesignPart(DocumentPart):
+    """The path designed for a suite of sensors."""
+
+    status: str
+    value: Number = Field(description="criterion of S W S, recomputed; null: no answer")
+    objective: Number = Field(description="what was maximised: the value, of the prior's draws if robust, less prices")
+    eigenvalues: list[Number] = Field(description="the two smallest of S W S")
+    duration: float = Field(description="[s]")
+    residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
+    iterations: int
+    cap: CapPart | None
+    optima: list[OptimumPart] = Field(description="distinct ones among the refined starts, best first")
+    robustness: RobustnessPart | None
+    evidence: EvidencePart | None
+    starts: list[StartPart]

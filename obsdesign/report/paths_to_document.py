@@ -1,0 +1,98 @@
+"""Paths and designs as parts of the JSON document."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from obsdesign.design.record import Design, Evidence, Start
+from obsdesign.design.violation import Violation
+from obsdesign.information.contribution_shares import Contributions
+from obsdesign.report.document_parts import (
+    CapPart,
+    ContributionPart,
+    DesignPart,
+    EvidencePart,
+    OptimumPart,
+    PathPart,
+    QualityPart,
+    RobustnessPart,
+    StartPart,
+    ViolationPart,
+)
+from obsdesign.study.record import Candidate, Quality, Study
+
+
+def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
+    """Return the key of a suite: all, or its sensors joined with +."""
+    return "all" if set(sensors) == set(study.scenario.sensor_names) else "+".join(sensors)
+
+
+def design_part(design: Design) -> DesignPart:
+    """Return the part of a design."""
+    cap, robustness, evidence = design.cap, design.robustness, design.evidence
+    return DesignPart(
+        status=design.status.name,
+        value=design.value,
+        objective=design.objective,
+        eigenvalues=list(design.eigenvalues),
+        duration=design.problem.longest,
+        residual=design.residual,
+        iterations=design.iterations,
+        cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
+        optima=[OptimumPart(value=optimum.value, starts=list(optimum.starts)) for optimum in design.optima],
+        robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
+        evidence=None if evidence is None else _evidence(evidence),
+        starts=[_start(start) for start in design.starts],
+    )
+
+
+def _start(start: Start) -> StartPart:
+    return StartPart(
+        name=start.name,
+        status=start.status.name,
+        value=start.value,
+        iterations=start.iterations,
+        residual=start.residual,
+        refined=start.refined,
+    )
+
+
+def _evidence(evidence: Evidence) -> EvidencePart:
+    return EvidencePart(
+        estimate=evidence.estimate,
+        remaining=evidence.remaining,
+        dual=evidence.Z.tolist(),
+        climbs=evidence.climbs,
+        in_words=evidence.in_words,
+    )
+
+
+def path_part(study: Study, candidate: Candidate) -> PathPart:
+    """Return the part of a path."""
+    return PathPart(
+        feasible=candidate.feasible,
+        shortfalls=violation_parts(candidate.violations),
+        duration=candidate.duration,
+        quality={suite_key(study, quality.sensors): _quality(quality) for quality in candidate.qualities},
+        contributions=_contributions(candidate.contributions),
+    )
+
+
+def _contributions(contributions: Contributions) -> dict[str, ContributionPart]:
+    return {
+        state.name: ContributionPart(
+            std=float(contributions.std[i]),
+            by_sensor=dict(zip(contributions.sensors, contributions.shares[i].sum(axis=0).tolist(), strict=True)),
+            in_words=contributions.sentences[i],
+        )
+        for i, state in enumerate(contributions.states)
+    }
+
+
+def _quality(quality: Quality) -> QualityPart:
+    return QualityPart(value=quality.value, eigenvalues=quality.eigenvalues.tolist(), std=quality.std.tolist())
+
+
+def violation_parts(violations: tuple[Violation, ...]) -> list[ViolationPart]:
+    """Return the parts of what is violated."""
+    return [ViolationPart(what=violation.what, time=violation.time, by=violation.by, unit=violation.unit) for violation in violations]
