@@ -24,6 +24,7 @@ def picture(study: Study) -> Picture | None:
         return None
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         panels = np.atleast_1d(figure.subplots(len(limits), 1, sharex=True))
         for i, axes in enumerate(panels):
             _draw(study, axes, i)

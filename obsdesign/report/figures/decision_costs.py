@@ -76,6 +76,7 @@ def draw_regret(schedule: Schedule, names: Sequence[str], t: Sequence[float] | n
     times = np.arange(len(schedule.chosen) + 1.0) if t is None else np.asarray(t)
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes = figure.add_subplot()
         mesh = _draw_costs(axes, cost, times)
         _draw_dots(axes, schedule.chosen, times)

@@ -75,6 +75,7 @@ def draw_panels(panels: Sequence[EigenvectorPanel], states: Sequence[str]) -> Fi
     rows = (len(panels) + 1) // 2
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         grid = figure.subplots(rows, 2, squeeze=False)
         for axes in grid.ravel()[len(panels) :]:
             axes.set_visible(False)

@@ -56,6 +56,7 @@ def draw_front(pareto: Pareto, label: str, chosen: tuple[float, float, float] | 
     """Draw a front; chosen: what the chosen schedule spends, what it may spend, and its value; None = it is not marked."""
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes = figure.add_subplot()
         light_grid(axes)
         _draw_lines(axes, pareto)

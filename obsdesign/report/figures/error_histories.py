@@ -57,6 +57,7 @@ def draw_errors(cases: Sequence[Case], states: Sequence[Signal], shade: str) -> 
     rows, full = -(-len(states) // 2), len(states) % 2 == 0
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         panels = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
         for i, signal in enumerate(states):
             _draw_state(cases, panels[i], i, signal)

@@ -48,6 +48,7 @@ def draw_estimates(flight: Flight, shown: Mapping[int, Signal]) -> Figure:
     """Draw a panel for each state that is shown, by its place in the state vector."""
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False).ravel()
         for axes, (which, signal) in zip(panels, shown.items(), strict=True):
             _draw(flight, axes, which, signal)

@@ -23,6 +23,7 @@ def picture(study: Study) -> Picture | None:
     height = float(np.clip((WIDTH - 0.9) * (high - low)[1] / (high - low)[0], 1.6, 5.0)) + 1.5
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes = figure.add_subplot()
         light_grid(axes)
         draw_shapes(axes, _shapes(study))

@@ -73,6 +73,7 @@ def draw_inputs(
     first, last = (lines[0].path.t[0], lines[0].path.t[-1]) if span is None else span
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         panels = np.atleast_1d(figure.subplots(len(signals), 1, sharex=True))
         for which, (signal, axes) in enumerate(zip(signals, panels, strict=True)):
             light_grid(axes)

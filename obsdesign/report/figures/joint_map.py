@@ -43,6 +43,7 @@ def picture(study: Study) -> Picture | None:
     height = float(np.clip((WIDTH - 0.9) * (high - low)[1] / (high - low)[0], 1.6, 5.0)) + 1.9
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes = figure.add_subplot()
         light_grid(axes)
         draw_shapes(axes, map_shapes)

@@ -49,6 +49,7 @@ def draw_consistency(cases: Sequence[Case]) -> Figure:
     """Draw the run-averaged NEES of every case over time, the 95 % band and where judging begins."""
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes = figure.add_subplot()
         _draw_nees(cases, axes)
         legend_below(figure, axes)

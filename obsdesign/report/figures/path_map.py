@@ -107,6 +107,7 @@ def draw_map(contents: MapContents) -> Figure:
     """Draw a map."""
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes, (low, high) = figure.add_subplot(), contents.frame
         light_grid(axes)
         draw_shapes(axes, contents.shapes)

@@ -18,6 +18,7 @@ def picture(study: Study) -> Picture:
     bars = rival_values(study)
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         _draw_bars(study, figure.add_subplot(), bars)
 
     name, description = f"rivals{drawing_suffix(study)}", "Value of the chosen schedule, the naive ones and the bound"

@@ -51,6 +51,7 @@ def draw_raster(chosen: np.ndarray, names: Sequence[str], t: Sequence[float] | n
     times = np.arange(len(chosen) + 1.0) if t is None else np.asarray(t)
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         axes = figure.add_subplot()
         _draw_rows(axes, chosen, times)
         axes.set_yticks(range(len(names)), names)

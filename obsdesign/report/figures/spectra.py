@@ -77,6 +77,7 @@ def draw_spectra(panels: Sequence[SpectrumPanel], colours: Mapping[str, str]) ->
     floor = float(10.0 ** (np.floor(np.log10(lowest)) - 1) if (everything == 0).any() else lowest)
 
     def paint(figure: Figure) -> None:
+        """Draw on the figure."""
         for panel, axes in zip(panels, np.atleast_1d(figure.subplots(len(panels), 1, sharex=True, sharey=True)), strict=True):
             _draw_panel(axes, panel, colours, floor)
             axes.set(yscale="log", xlim=(-0.6, len(colours) - 0.15), ylim=(floor / 30, everything.max() * 5))

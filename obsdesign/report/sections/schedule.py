@@ -120,6 +120,7 @@ def usage_table(study: Study) -> Table:
     has_turns, has_beacons = traits.is_mixed, any(traits.has_beacon)
 
     def row(name: str, active: np.ndarray, near: np.ndarray | None) -> tuple[Entry, ...]:
+        """Return the row of one sensor."""
         total = float(traits.seconds @ active)
         turns = (traits.share(active, traits.is_turning),) if has_turns else ()
         beacons = (math.nan if near is None else traits.share(active, near),) if has_beacons else ()
