@@ -80,6 +80,8 @@ def inline_svg(figure: Figure, name: str, description: str) -> str:
     """
     buffer = io.StringIO()
     with _style():
+        if not any(axes.get_aspect() == 1 for axes in figure.axes):  # what has its room keeps it: to lay it out takes as long as to draw it
+            figure.set_layout_engine("none")
         figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
     return _svg_element(buffer.getvalue(), name, description)
 
