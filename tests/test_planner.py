@@ -57,6 +57,13 @@ def first(planner: Planner) -> Plan:
     return planner.step(START)
 
 
+def test_a_plan_prints_on_a_screen(first: Plan):
+    lines = str(first).splitlines()
+    assert lines[0] == f"plan at 0 s: {first.status.value}"
+    assert len(lines) <= 15
+    assert f"{first.value:.4g}" in lines[1]
+
+
 def flown(x: np.ndarray, plan: Plan, seconds: float) -> np.ndarray:
     """Where the vehicle is after so many seconds along a plan, without noise."""
     u = plan.trajectory.u[: round(seconds / PROBLEM.step)]

@@ -611,3 +611,13 @@ def test_the_document_satisfies_its_schema(name, request):
     for design, part in zip(study.designs, document["designs"].values(), strict=True):
         assert part["duration"] == design.trajectory.t[-1]
         assert [optimum["value"] for optimum in part["optima"]] == sorted((each.value for each in design.optima), reverse=True)
+
+
+def test_studies_their_designs_and_flights_print_on_a_screen(study):
+    for record in (study, *study.designs, study.selection.schedule, *(check.validation for check in study.checks), study.flight):
+        if record is not None:
+            lines = str(record).splitlines()
+            assert 1 < len(lines) <= 15
+            assert max(map(len, lines)) <= 100
+    assert str(study).startswith(f"study: {study.scenario.title}")
+    assert study.designs[0].status.value in str(study)
