@@ -84,13 +84,13 @@ def building() -> list[str]:
     code = (
         "import time, obsdesign as od\n"
         "from benchmarks.missions import mission\n"
-        "from obsdesign.design.feasibility import rows_of\n"
+        "from obsdesign.design.feasibility import initial_rows\n"
         "from obsdesign.design.nlp.program import Program\n"
         "import numpy as np\n"
         "for pieces in (40, 40, 20):\n"
         "    problem = mission(pieces); began = time.perf_counter()\n"
-        "    program = Program(problem, rows_of(problem)); values = program.at((program.lower + program.upper) / 2)\n"
-        "    program.slopes(values); print(time.perf_counter() - began)\n"
+        "    program = Program(problem, initial_rows(problem)); values = program.evaluate((program.lower + program.upper) / 2)\n"
+        "    program.derivatives(values); print(time.perf_counter() - began)\n"
     )
     seconds = [float(line) for line in run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()]
     rows = [("first in a process, 40 pieces", seconds[0]), ("again", seconds[1]), ("another number of pieces", seconds[2])]
@@ -199,10 +199,10 @@ def against_scipy() -> list[str]:
 
 # what is told apart in a profile: file and function, and what it is
 _PARTS = {
-    ("local.py", "local_at"): "slopes, second derivatives and convex part of a model",
-    ("subproblem.py", "minimised"): "convex programs, Clarabel and its matrices",
-    ("local.py", "sharpened"): "Newton's step on what is active",
-    ("scene.py", "at"): "values and merits",
+    ("sqp/local_model.py", "build_model"): "slopes, second derivatives and convex part of a model",
+    ("sqp/conic_qp.py", "minimise"): "convex programs, Clarabel and its matrices",
+    ("sqp/local_model.py", "active_set_step"): "Newton's step on what is active",
+    ("nlp/program.py", "evaluate"): "values and merits",
 }
 
 
@@ -217,6 +217,8 @@ def where_time_goes() -> list[str]:
     rows = []
     for (file, function), what in _PARTS.items():
         hits = [value for key, value in stats.stats.items() if key[0].endswith(f"design/{file}") and key[2] == function]  # pyright: ignore
+        if not hits:
+            raise RuntimeError(f"the profile has no {function} of design/{file}")
         rows.append((what, sum(hit[0] for hit in hits), f"{sum(hit[3] for hit in hits) / stats.total_tt:.0%}"))  # pyright: ignore
     text = (
         f"One start of the mission, {found.iterations} iterations through 10 and 40 pieces. The rest is choosing, and the profiler itself."

@@ -223,9 +223,7 @@ _ARRAY = Kind(_is_array, "an array of real numbers")
 _PLAIN: Mapping[Any, Kind] = {
     NoneType: Kind(lambda value: value is None, "None"),
     bool: Kind(_is_truth, "True or False"),
-    int: Kind(
-        lambda value: isinstance(value, Integral) and not isinstance(value, bool) and abs(int(value)) <= sys.maxsize, "a whole number"
-    ),
+    int: Kind(_is_whole, "a whole number"),
     float: Kind(_is_number, "a number"),
     str: Kind(lambda value: isinstance(value, str), "a text"),
     Path: Kind(lambda value: isinstance(value, Path), "a path"),

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 LINES, WIDTH = 15, 100
+_NAME = 40  # characters of a row's name
 _SIZE, _MARGIN = 180.0, 6.0  # pixels of a small picture
 
 
@@ -34,11 +35,12 @@ class Summary:
 
     def text(self) -> str:
         """Return at most 15 lines of 100 characters."""
-        width = max((len(name) for name, _ in self.rows), default=0)
+        width = min(max((len(name) for name, _ in self.rows), default=0), _NAME)
         lines = [textwrap.shorten(self.title, WIDTH, placeholder=" ...")]
         for name, value in self.rows:
+            short = textwrap.shorten(name, width, placeholder="...")
             wrapped = textwrap.wrap(value, WIDTH - width - 4) or [""]
-            lines += [f"  {'' if row else name:{width}}  {line}" for row, line in enumerate(wrapped)]
+            lines += [f"  {'' if row else short:{width}}  {line}" for row, line in enumerate(wrapped)]
         return "\n".join(lines if len(lines) <= LINES else [*lines[: LINES - 1], "  ..."])
 
     def html(self) -> str:
@@ -86,6 +88,11 @@ def line_picture(x: np.ndarray, y: np.ndarray) -> str:
     points = " ".join(f"{across[i]:.1f},{down[i]:.1f}" for i in chosen)
     dot = f"<circle cx='{across[0]:.1f}' cy='{down[0]:.1f}' r='3' fill='#222'/>"
     return _svg(_SIZE, _SIZE, f"<polyline points='{points}' fill='none' stroke='#0072B2' stroke-width='2'/>{dot}")
+
+
+def state_picture(x: np.ndarray) -> str:
+    """Return the way of the first two of the states (N, n) as an SVG; "" where there is one state."""
+    return line_picture(x[:, 0], x[:, 1]) if x.shape[1] > 1 else ""
 
 
 def raster_picture(on: np.ndarray) -> str:

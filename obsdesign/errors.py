@@ -1,4 +1,4 @@
-"""Every error a caller may want to catch: one base class, one name per cause; and what each means to a command."""
+"""The base of all errors, those of every room, and what each means to a command."""
 
 from __future__ import annotations
 

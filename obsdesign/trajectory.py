@@ -11,7 +11,7 @@ import numpy as np
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_count, require_positive, require_tolerance
-from obsdesign.display import AbstractDisplay, Summary, data_frame, line_picture, number
+from obsdesign.display import AbstractDisplay, Summary, data_frame, number, state_picture
 from obsdesign.errors import InputError
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Trajectory(AbstractDisplay):
             for i, column in enumerate(self.x.T)
         ]
         inputs = [(f"u[{i}]", f"within {number(column.min())} to {number(column.max())}") for i, column in enumerate(self.u.T)]
-        picture = line_picture(self.x[:, 0], self.x[:, 1]) if self.x.shape[1] > 1 else ""
+        picture = state_picture(self.x)
         title = f"path of {self.steps} steps of {number(self.step, 's')}, from {number(self.t[0], 's')} on"
         return Summary(title, (*states, *inputs), picture)
 

@@ -3,11 +3,12 @@
 import sys
 from xml.etree import ElementTree
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import obsdesign as od
-from obsdesign.display import LINES, WIDTH, MissingPackageError, Summary, line_picture, raster_picture, raster_text
+from obsdesign.display import LINES, WIDTH, MissingPackageError, Summary, line_picture, raster_picture, raster_text, state_picture
 
 SYSTEM = od.System(
     od.Dubins(speed=15.0, wind="constant"),
@@ -73,6 +74,17 @@ def test_what_is_printed_is_what_was_found(records):
     assert design.status.value in str(design)
     towards_a_beacon = od.System(od.Dubins(10.0), (od.Range((500.0, 0.0), 1.0),))
     assert "hidden" in str(od.variational_gramian(towards_a_beacon, od.simulate(towards_a_beacon, [0, 0, 0], np.zeros((5, 1)), 1.0)))
+
+
+def test_a_path_of_one_state_has_no_picture_and_long_names_are_shortened():
+    x = ca.SX.sym("x", 1)
+    system = od.ControlAffineSystem(x, ("v",), drift=-x, outputs={"y": x})
+    path = od.simulate(system, [1.0], np.zeros((4, 0)), 0.1)
+    assert "svg" not in path._repr_html_()
+    assert state_picture(np.ones((5, 1))) == ""
+    assert "svg" in state_picture(np.ones((5, 2)))
+    lines = Summary("a title", (("a name of many letters " * 8, "1"), ("b", "words " * 30))).text().splitlines()
+    assert max(map(len, lines)) <= WIDTH
 
 
 def test_long_records_are_cut():

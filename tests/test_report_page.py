@@ -181,7 +181,7 @@ def study(request) -> Study:
 
 def all_tables(study: Study) -> list[Table]:
     starts = [starts_table(study, i) for i in range(len(study.suites))]
-    flown = [] if study.flight is None else [errors_table(study, study.flight), plans_table(study, study.flight)]
+    flown = [] if study.flight is None else [errors_table(study, study.flight), plans_table(study.flight)]
     return [
         subsets_table(study),
         paths_table(study),

@@ -21,7 +21,7 @@ def schur_complement(W: np.ndarray, retained: np.ndarray) -> np.ndarray:
 
 
 def elimination_matrix(W: np.ndarray, retained: np.ndarray) -> np.ndarray:
-    """Return L (n, k) with shadow = L' W L and, to first order, d shadow = L' dW L."""
+    """Return L (n, k) with the Schur complement C = L' W L and, to first order, dC = L' dW L."""
     eliminated = np.setdiff1d(np.arange(len(W)), retained)
     L = np.zeros((len(W), len(retained)))
     L[retained, np.arange(len(retained))] = 1.0

@@ -59,7 +59,7 @@ def nodes_within(constraint: AbstractConstraint, steps: int, step: float) -> np.
 
 
 def violations(problem: DesignProblem, path: Trajectory) -> tuple[Violation, ...]:
-    """Return every limit that a path breaks, each where it does so most, worst first: constraints, bounds, rates, budgets."""
+    """Return every limit that a path breaks, each where it does so most, worst first: constraints, bounds, rates, budgets, floors."""
     all_violations = [
         *_constraint_violations(problem, path),
         *_input_violations(problem, path),

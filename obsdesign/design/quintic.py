@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 
 def minimise_quintic(
@@ -26,25 +27,13 @@ def minimise_quintic(
     )
     cubic = np.stack([a, b, 3 * rise - 2 * b - e, b + e - 2 * rise])
     shares = low + (high - low) * np.linspace(0, 1, 9)[:, None]
-    values = _polynomial(quintic, shares)
+    values = polyval(shares, quintic, tensor=False)
     k, columns = values.argmin(axis=0), np.arange(len(h))
     share = shares[k, columns]
     for _ in range(4):
-        slope, curvature = _polynomial(_derivative(quintic), share), _polynomial(_derivative(_derivative(quintic)), share)
+        slope, curvature = polyval(share, polyder(quintic), tensor=False), polyval(share, polyder(quintic, 2), tensor=False)
         newton_step = np.where(curvature > 0, -slope / np.where(curvature > 0, curvature, 1.0), 0.0)
         share = np.clip(share + np.clip(newton_step, -0.125, 0.125), low, high)
-    value, at_first = _polynomial(quintic, share), values[k, columns]
+    value, at_first = polyval(share, quintic, tensor=False), values[k, columns]
     share, value = np.where(value <= at_first, share, shares[k, columns]), np.minimum(value, at_first)
-    return share, value, np.abs(_polynomial(cubic, shares) - values).max(axis=0)
-
-
-def _polynomial(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Values of polynomials, coefficients (degree + 1, K) in rising order."""
-    value = coefficients[-1] + 0 * at
-    for coefficient in coefficients[-2::-1]:
-        value = value * at + coefficient
-    return value
-
-
-def _derivative(coefficients: np.ndarray) -> np.ndarray:
-    return coefficients[1:] * np.arange(1, len(coefficients))[:, None]
+    return share, value, np.abs(polyval(shares, cubic, tensor=False) - values).max(axis=0)

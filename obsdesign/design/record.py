@@ -8,7 +8,7 @@ import numpy as np
 
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.violation import Violation
-from obsdesign.display import AbstractDisplay, Summary, line_picture, number
+from obsdesign.display import AbstractDisplay, Summary, number, state_picture
 from obsdesign.information.blocks import Information
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
@@ -151,7 +151,7 @@ class Design(AbstractDisplay):
         rows.append(("starts", f"{len(self.starts)}, {self.iterations} iterations, {number(self.seconds, 's')}"))
         if self.reason:
             rows.append(("reason", self.reason))
-        picture = line_picture(path.x[:, 0], path.x[:, 1]) if path is not None and path.x.shape[1] > 1 else ""
+        picture = "" if path is None else state_picture(path.x)
         return Summary(f"design: {self.status.value}", tuple(rows), picture)
 
     @property

@@ -44,15 +44,6 @@ class Noise:
         return (self.inflation * self.spread) ** 2
 
     @property
-    def missing_variance(self) -> ca.SX:
-        """White variance that stands for samples that do not arrive, (stationary + bias^2) (1 - gate) / gate; inf where gate is 0.
-
-        One sample alone then says gate C'C / (stationary + bias^2). Of a sequence whose samples arrive independently of each
-        other, it says no more than is expected of those that arrive, and exactly that at a gate of 0 or 1.
-        """
-        return (self.stationary_variance + self.bias**2) * (1 - self.gate) / self.gate
-
-    @property
     def variance(self) -> ca.SX:
         """R = inflation^2 spread^2 + bias^2 of one sample alone."""
         return self.inflation**2 * self.spread**2 + self.bias**2
@@ -150,11 +141,6 @@ class Model:
     def outputs_of(self) -> dict[str, tuple[int, ...]]:
         """For each sensor where its outputs stand among all."""
         return {channel.name: tuple(j for j, i in enumerate(self.output_owner) if i == s) for s, channel in enumerate(self.channels)}
-
-    @property
-    def has_white_noise(self) -> bool:
-        """Whether the errors of every two samples, of one sensor or two, are independent: then information adds up over them."""
-        return not self.joint and all(channel.noise.is_white for channel in self.channels)
 
     @property
     def instant_covariance(self) -> ca.SX:

@@ -85,7 +85,7 @@ def whiten(colour: Colour, outputs: ColouredOutputs, selection: SampleSelection)
     """Return the rows of an instant, less what the samples before and beside them tell of their errors.
 
     An error is z_k + v_k + B e in units of its spread: z_k = phi z_k-1 + (1 - phi^2)^1/2 white, or drawn anew with the correlation of
-    its group; v_k white of variance M (1 - g) / g, M = 1 + B^2, for samples that do not arrive (`Noise.missing_variance`); e ~ N(0, 1) the
+    its group; v_k white of variance M (1 - g) / g, M = 1 + B^2, for samples that do not arrive; e ~ N(0, 1) the
     constant, B = bias / spread. First z is taken out, then e, by the innovations of a filter for each, whose estimates are linear
     in x(t_0): all that is carried are those rows and variances.
     """

@@ -15,7 +15,7 @@ from obsdesign.checks import require_count, require_positive, whole_multiple
 from obsdesign.constraints.abstract import ALWAYS
 from obsdesign.design.feasibility import least_margins_at_nodes
 from obsdesign.design.problem import DesignProblem
-from obsdesign.display import AbstractDisplay, Summary, line_picture, number
+from obsdesign.display import AbstractDisplay, Summary, number, state_picture
 from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.errors import InputError
@@ -71,7 +71,7 @@ class Flight(AbstractDisplay):
         if self.feasible:
             slowest = number(max(self.seconds), "s")
             rows.append(("plans", f"{len(self.feasible)}, {sum(self.feasible)} within all limits, slowest {slowest}"))
-        return Summary(f"flight of {number(self.t[-1] - self.t[0], 's')}", tuple(rows), line_picture(self.truth[:, 0], self.truth[:, 1]))
+        return Summary(f"flight of {number(self.t[-1] - self.t[0], 's')}", tuple(rows), state_picture(self.truth))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +135,8 @@ def fly(
         progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for values that do not fit, and what `Planner` raises; in flight nothing is raised.
     """
-    steps = whole_multiple(duration, problem.step) if _is_positive(duration) else None
+    require_positive("flight: duration", duration)
+    steps = whole_multiple(duration, problem.step)
     if steps is None:
         raise InputError(f"flight: duration is {duration!r}: must be a whole multiple of the step {problem.step:g} s")
     require_count("seed", seed, minimum=0)
@@ -168,11 +169,6 @@ def fly(
         seconds=tuple(plan.seconds for plan in plans),
         straight=straight,
     )
-
-
-def _is_positive(value: float) -> bool:
-    require_positive("flight: duration", value)
-    return True
 
 
 def _draw_realisation(

@@ -8,7 +8,7 @@ import numpy as np
 
 from obsdesign.design.nlp.evaluation import ConstraintRows
 from obsdesign.design.sqp.solver_state import WarmStart
-from obsdesign.display import AbstractDisplay, Summary, line_picture, number
+from obsdesign.display import AbstractDisplay, Summary, number, state_picture
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
@@ -21,7 +21,7 @@ class Memory:
 
     elapsed_steps: steps since the first plan; p (q,): parameters of the problem's family on its own grid, the first `shift` steps of which
     have been flown; rows, warm_start: of the last solve, constraint_indices: indices of its constraints; met: indices of those that must
-    hold once and have; spent: of each budget; pace [s]: of one iteration.
+    hold once and have; spent: of each budget; iteration_seconds: what one iteration took.
     """
 
     elapsed_steps: int
@@ -67,7 +67,7 @@ class Plan(AbstractDisplay):
             ("inputs found", f"{self.age} steps ago" if self.age else "now"),
             ("took", number(self.seconds, "s")),
         ]
-        return Summary(f"plan at {number(self.time, 's')}: {self.status.value}", tuple(rows), line_picture(path.x[:, 0], path.x[:, 1]))
+        return Summary(f"plan at {number(self.time, 's')}: {self.status.value}", tuple(rows), state_picture(path.x))
 
     @property
     def x0(self) -> np.ndarray:

@@ -128,7 +128,7 @@ class Planner:
             prior: what is known about x_now beside the samples that the plan counts, those at t = 0 among them, as Prior or
                 information (n, n); None = the problem's `known`.
             deadline: wall time from the call [s]; None = none: then the same arguments give the same plan, `seconds` and the
-                memory's pace apart.
+                memory's `iteration_seconds` apart.
             elapsed: how long the previous plan has been flown [s], to the nearest number of steps; None = `every`.
         """
         arguments, reason = StepArguments(x_now, previous, prior, deadline, elapsed, perf_counter()), ""

@@ -10,7 +10,7 @@ from obsdesign.signals import Signal
 NARROW = "\u202f"  # narrow no-break space
 MINUS = "\u2212"
 NOTHING = "\u2013"
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def numeral(value: float, digits: int = 3) -> str:
@@ -22,7 +22,7 @@ def numeral(value: float, digits: int = 3) -> str:
     mantissa, power = f"{value:.{digits - 1}e}".split("e")
     exponent = int(power)
     if not -4 <= exponent < 9:
-        return f"{mantissa} · 10{str(exponent).translate(_SUPERSCRIPT)}".replace("-", MINUS).replace(" ", NARROW)
+        return f"{mantissa} · 10{str(exponent).translate(SUPERSCRIPT)}".replace("-", MINUS).replace(" ", NARROW)
     return _group_digits(float(f"{mantissa}e{power}"), max(digits - 1 - exponent, 0))
 
 

@@ -57,6 +57,11 @@ class SelectionProblem:
         """Limits of the resources."""
         return np.array([resource.limit for resource in self.resources])
 
+    @property
+    def rounded_limits(self) -> np.ndarray:
+        """What usages of resources (r,) may come to by rounding alone: 1e-9 above the limits, relative where these are above 1."""
+        return self.limits + 1e-9 * np.maximum(1.0, self.limits)
+
     @cached_property
     def blocks(self) -> np.ndarray:
         """What a schedule may add up (K S + 1, n, n): V_ks, and what is known last; rows lose a bit off the diagonal."""
@@ -131,7 +136,7 @@ class SelectionProblem:
 
     def is_within_limits(self, chosen: np.ndarray) -> bool:
         """Whether no resource is exceeded, but for rounding."""
-        return bool((self.usage(chosen) <= self.limits + 1e-9 * np.maximum(1.0, self.limits)).all())
+        return bool((self.usage(chosen) <= self.rounded_limits).all())
 
     def prices(self, dual: Dual) -> tuple[np.ndarray, np.ndarray]:
         """What each sensor in each segment (K, S) is worth, and what each switching-on (S,) costs."""

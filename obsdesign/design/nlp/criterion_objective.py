@@ -61,7 +61,7 @@ class CriterionObjective(AbstractMatrixObjective):
             V, DL = L.T @ W @ L, D @ L
             curvature = self.criterion.curvature(V, L.T @ DL)
             if eliminated.size:
-                # d2 shadow = -2 L'D P W_bb^-1 P'D L
+                # d2 of the Schur complement = -2 L'D P W_bb^-1 P'D L
                 cross, Z = DL[:, eliminated], self.criterion.slope(V)
                 solution = np.linalg.solve(W[np.ix_(eliminated, eliminated)], cross)
                 curvature = curvature + 2 * np.einsum("iak,kl,jal->ij", cross, Z, solution)

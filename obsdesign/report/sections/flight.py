@@ -27,7 +27,7 @@ _BETTER_SHARE = 0.8  # share of the other flight's standard deviation that count
 def section(study: Study, flight: Flight, settings: FlightTable) -> Section:
     """Return the answer to "In flight?"."""
     pictures = tuple(picture for figure in (flight_map, flight_estimates) if (picture := figure.picture(study)) is not None)
-    tables = (errors_table(study, flight), plans_table(study, flight))
+    tables = (errors_table(study, flight), plans_table(flight))
     return Section("flight", "In flight?", answer(study, flight, settings), pictures, tables)
 
 
@@ -115,7 +115,7 @@ def errors_table(study: Study, flight: Flight) -> Table:
     )
 
 
-def plans_table(study: Study, flight: Flight) -> Table:
+def plans_table(flight: Flight) -> Table:
     """How the plans ended."""
     counts = Counter((status.value, age == 0) for status, age in zip(flight.statuses, flight.ages, strict=True))
     rows = (

@@ -10,15 +10,13 @@ from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures import decision_costs, energy_front, path_map, rival_bars, schedule_raster
 from obsdesign.report.figures.rival_bars import rival_values
 from obsdesign.report.names import capitalise, gap_in_words, has_relative_gap, path_in_words, path_suffix, schedule_criterion
-from obsdesign.report.number_format import NARROW, join, numeral, plain, typeset
+from obsdesign.report.number_format import NARROW, SUPERSCRIPT, join, numeral, plain, typeset
 from obsdesign.report.section import Section
 from obsdesign.report.sections._rules import rule_in_words
 from obsdesign.report.sections._segment_traits import segment_traits, usage_in_words
 from obsdesign.report.table import Entry, Table, TableColumn, Toned, finite, hundredths, seconds, tabulate
 from obsdesign.status import Status
 from obsdesign.study.record import RivalSchedule, Study
-
-_SUPERSCRIPT = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def section(study: Study) -> Section:
@@ -66,7 +64,7 @@ def _schedule_count(study: Study) -> str:
     settings, sensors, segments = study.scenario.selection, len(study.scenario.sensors), len(study.selection.schedule.chosen)
     if settings.rules:
         return "all schedules that keep the rules"
-    return f"{plain(math.comb(sensors, settings.per_segment))}{str(segments).translate(_SUPERSCRIPT)} schedules"
+    return f"{plain(math.comb(sensors, settings.per_segment))}{str(segments).translate(SUPERSCRIPT)} schedules"
 
 
 def _violation_clause(study: Study, rival: RivalSchedule) -> str:

@@ -24,13 +24,13 @@ _STEPS = 5  # of Newton's method for each branch
 _ROOT_STEPS = 20  # of Newton's method at the root for each corner, made once: what is left of the gap there, every branch has to close
 _CORNERS = (0.1, 0.03, 0.01, 0.004)  # how much corners are rounded off at the root, in turn
 _CORNER = 0.05  # of the gap: ... and for branches
+_MIN_TAU = 1e-9  # the same where next to no gap is left: tau divides, so it is not 0
 _SCALE = 0.1  # of the gap: a fall of a bound by so much makes a tree smaller by a factor of e
 _PRICE = 0.01  # of resources, in units of the bound for all of one: where Newton's method begins
 _WORTH = 0.25  # of the gap: how far below the best a rounding is worth polishing
 _MAX_STEPS = 4000  # of all layers, and ...
 _MAX_MEAN_STEPS = 8.0  # ... on average in a layer: where there are more, branching on all of them leads nowhere
 _MAX_PRODUCTS = 8_000_000  # numbers in `SmoothedDual.products`: 64 MB of doubles
-_MIN_TAU = 1e-9  # the same where next to no gap is left: tau divides, so it is not 0
 _WORK, _OVERHEAD = 5e9, 1e4  # steps times squares of the duals' entries: half a minute or so
 
 

@@ -236,7 +236,7 @@ def within_limits(instance: SelectionProblem, sums: np.ndarray) -> np.ndarray:
     m = len(instance.resources)
     if not m:
         return np.ones(len(sums), dtype=bool)
-    return np.all(sums[:, -1 - m : -1] <= instance.limits + 1e-9 * np.maximum(1.0, instance.limits), axis=1)
+    return np.all(sums[:, -1 - m : -1] <= instance.rounded_limits, axis=1)
 
 
 def _best_schedule(instance: SelectionProblem, reduced: ReducedProblem, batch: _NodeBatch) -> tuple[np.ndarray, float]:

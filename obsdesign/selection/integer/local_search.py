@@ -90,7 +90,7 @@ def _best_exchanges(
     instance: SelectionProblem, model: _SecondOrderModel, segments: np.ndarray, usage: np.ndarray, extra_usage: np.ndarray
 ) -> np.ndarray:
     """The single changes (i, -1) and pairs (i, j) that gain most by the model and keep the limits, (., 2)."""
-    limits = instance.limits + 1e-9 * np.maximum(1.0, instance.limits) - usage if instance.resources else np.zeros(0)
+    limits = instance.rounded_limits - usage if instance.resources else np.zeros(0)
     single_gain = model.g - np.sum(model.F**2, axis=1) / 2
     pair_gain = single_gain[:, None] + single_gain[None] - model.F @ model.F.T
     single_gain = np.where((extra_usage <= limits).all(axis=1), single_gain, -np.inf)

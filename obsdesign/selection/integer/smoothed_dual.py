@@ -116,7 +116,7 @@ def smooth_dual(instance: SelectionProblem, reduced: ReducedProblem, unit: float
     base = reduced.base[:-1].copy()
     entries = len(base) - m
     increments[..., entries:] *= -1.0
-    base[entries:] = instance.limits + 1e-9 * np.maximum(1.0, instance.limits) - base[entries:]  # as everywhere
+    base[entries:] = instance.rounded_limits - base[entries:]
     peak_usage = np.maximum(np.abs(base[entries:]), np.abs(increments[..., entries:]).max(axis=(0, 1), initial=0.0))
     size = np.concatenate([np.full(entries, unit), np.where(peak_usage > 0, peak_usage, 1.0)])
     increments, base = increments / size, base / size
@@ -190,7 +190,7 @@ def _newton_direction(problem: SmoothedDual, points: DualPoints) -> tuple[np.nda
 def _line_search(
     problem: SmoothedDual, best: Descent, allowed: np.ndarray, active: np.ndarray, direction: np.ndarray, decrease: np.ndarray
 ) -> None:
-    """Move those that are live (M,) along their directions as far as f falls enough; in place."""
+    """Move those that are active (M,) along their directions as far as f falls enough; in place."""
     length = _max_step(problem, best.end.y[active], direction)
     for _ in range(_TRIALS):
         if not len(active):
@@ -232,7 +232,7 @@ def _assign(points: DualPoints, rows: np.ndarray, values: DualPoints) -> None:
 def branch_decreases(problem: SmoothedDual, points: DualPoints, allowed: np.ndarray) -> np.ndarray:
     """Return by how much f falls (N, K, A), to second order, where a layer takes a step: inf where it is not allowed.
 
-    The others' optimum moves by H^-1 (d - mean): -tau log share + (d - mean)'H^-1 (adds - mean) / 2.
+    The others' optimum moves by H^-1 (d - mean): -tau log share + (d - mean)'H^-1 (d - mean) / 2.
     """
     local_model = quadratic_models(problem, points)
     root = np.linalg.inv(np.linalg.cholesky(local_model.H)) * local_model.size[:, None, :]
