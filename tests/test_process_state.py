@@ -14,7 +14,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import obsdesign as od
-from obsdesign.design.blas_threads import one_thread
+from obsdesign.blas_threads import one_thread
 from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
 from obsdesign.report.figures._drawing import inline_svg, styled_figure
 
@@ -48,6 +48,15 @@ def test_limits_of_blas_that_overlap_leave_what_they_found():
         second.__enter__()
         first.__exit__(None, None, None)
         second.__exit__(None, None, None)
+        assert blas_threads() == before
+
+
+def test_a_selection_runs_on_one_thread_of_blas_and_gives_the_others_back():
+    blocks, during = od.variational_gramian(SYSTEM, PATH).by_segment(4), []
+    with threadpool_limits(2):
+        before = blas_threads()
+        od.select_sensors(blocks, progress=lambda _: during.append(blas_threads()))
+        assert during and all(threads == [1] * len(before) for threads in during)
         assert blas_threads() == before
 
 

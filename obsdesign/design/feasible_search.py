@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.blas_threads import one_thread
+from obsdesign.blas_threads import one_thread
 from obsdesign.design.candidate_inputs import heuristic_inputs, parameters_of, random_parameters
 from obsdesign.design.constraint_repair import repair
 from obsdesign.design.feasibility import MARGIN_TOLERANCE, violations

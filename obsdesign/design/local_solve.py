@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.design.blas_threads import one_thread
+from obsdesign.blas_threads import one_thread
 from obsdesign.design.feasibility import initial_rows
 from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.problem import DesignProblem

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from obsdesign.arguments import validate_arguments
+from obsdesign.blas_threads import one_thread
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import as_array, require_count
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number
@@ -171,6 +172,7 @@ def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | 
     return mask & np.repeat(chosen > 0, path.steps // len(chosen), axis=0)
 
 
+@one_thread()
 def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (N+1, R, n) and NEES (N+1, R) of one chunk of runs."""
     system, path = task.system, task.path
@@ -205,7 +207,7 @@ def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.
 
 def _assess_consistency(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:
     runs, n = nees.shape[1], rmse.shape[1]
-    low, high = (float(chi2.ppf(share, runs * n)) / runs for share in (0.025, 0.975))
+    low, high = (_chi_square_quantile(share, runs * n) / runs for share in (0.025, 0.975))
     average = nees.mean(axis=1)
     settled = average[t >= t[0] + SETTLING_SHARE * (t[-1] - t[0])]
     in_band = float(np.mean((settled >= low) & (settled <= high)))
@@ -213,3 +215,8 @@ def _assess_consistency(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees
     if in_band < CONSISTENT_SHARE:
         verdict = "overconfident" if np.sum(settled > high) >= np.sum(settled < low) else "underconfident"
     return Validation(t, rmse, bound, average, (low, high), in_band, verdict, runs, seed)
+
+
+def _chi_square_quantile(share: float, freedom: int) -> float:
+    """Return what a chi-square variable of so many degrees of freedom is below with a probability: scipy.stats takes long to load."""
+    return 2 * float(gammaincinv(freedom / 2, share))

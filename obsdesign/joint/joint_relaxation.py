@@ -8,7 +8,7 @@ from itertools import islice
 
 import numpy as np
 
-from obsdesign.design.blas_threads import one_thread
+from obsdesign.blas_threads import one_thread
 from obsdesign.design.feasibility import initial_rows
 from obsdesign.design.initial_guesses import start_inputs
 from obsdesign.design.nlp.criterion_objective import matrix_objective_of

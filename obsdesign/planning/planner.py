@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from obsdesign.analysis.query import observability
 from obsdesign.analysis.verdict import UnobservableError
 from obsdesign.arguments import validate_arguments
+from obsdesign.blas_threads import one_thread
 from obsdesign.checks import require_count, require_positive, whole_multiple
-from obsdesign.design.blas_threads import one_thread
 from obsdesign.design.checked_path import CheckedPath
 from obsdesign.design.feasibility import violations
 from obsdesign.design.initial_guesses import start_inputs

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
+from obsdesign.blas_threads import one_thread
 from obsdesign.checks import require_count, require_positive
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
@@ -120,6 +121,7 @@ def without_sensors(instance: SelectionProblem, lost: tuple[int, ...]) -> Select
     return replace(instance, schedules=replace(instance.schedules, available=available))
 
 
+@one_thread()
 def solve_selection(
     instance: SelectionProblem,
     rules: tuple[AbstractRule, ...],

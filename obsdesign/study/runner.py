@@ -11,6 +11,7 @@ from time import perf_counter
 
 from obsdesign.analysis.query import observability_of
 from obsdesign.arguments import validate_arguments
+from obsdesign.blas_threads import one_thread
 from obsdesign.checks import whole_multiple
 from obsdesign.design.multistart import design_trajectory
 from obsdesign.design.problem import DesignProblem
@@ -31,6 +32,7 @@ _LOGGER = getLogger(__name__)
 
 
 @validate_arguments
+@one_thread()
 def run(scenario: Scenario, seed: int | None = None, executor: Executor | None = None, progress: Progress | None = None) -> Study:
     """Answer the questions of a scenario: what the sensors see, which path, which schedule, what a filter makes of them.
 
@@ -110,6 +112,7 @@ def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progres
     return replace(studies[0], others=tuple(studies[1:]))
 
 
+@one_thread()
 def select_along(scenario: Scenario, path: Trajectory, seed: int | None = None, notes: tuple[str, ...] = ()) -> Study:
     """Choose the sensors of a scenario along a path of its vehicle, and nothing else; its design does not count.
 

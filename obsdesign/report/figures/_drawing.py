@@ -12,6 +12,7 @@ from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
@@ -69,7 +70,7 @@ def styled_figure(height: float, paint: Callable[[Figure], None], width: float =
     with _style():
         figure = Figure(figsize=(width, height), layout="constrained")
         paint(figure)
-        figure.draw_without_rendering()  # equal axes choose their limits when drawn: room for the labels of those
+        _lay_out(figure)
     return figure
 
 
@@ -80,9 +81,9 @@ def inline_svg(figure: Figure, name: str, description: str) -> str:
     """
     buffer = io.StringIO()
     with _style():
-        if not any(axes.get_aspect() == 1 for axes in figure.axes):  # what has its room keeps it: to lay it out takes as long as to draw it
+        if not _has_equal_axes(figure):  # what has its room keeps it: to lay it out takes as long as to draw it
             figure.set_layout_engine("none")
-        figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=_NO_METADATA)  # savefig would draw it once more for itself
     return _svg_element(buffer.getvalue(), name, description)
 
 
@@ -134,3 +135,16 @@ def _round_coordinates(outline: str) -> str:
 
 def _attribute(text: str) -> str:
     return text.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+
+
+def _lay_out(figure: Figure) -> None:
+    """Give labels their room; equal axes choose their limits when drawn, and it is the labels of those that need it."""
+    engine = figure.get_layout_engine()
+    if engine is None or _has_equal_axes(figure):
+        figure.draw_without_rendering()
+    else:
+        engine.execute(figure)
+
+
+def _has_equal_axes(figure: Figure) -> bool:
+    return any(axes.get_aspect() == 1 for axes in figure.axes)

@@ -31,4 +31,5 @@ def one_thread() -> Iterator[None]:
 
 @cache
 def _controller() -> ThreadpoolController:
+
     return ThreadpoolController()
