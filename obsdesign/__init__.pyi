@@ -88,6 +88,8 @@ from .scenario.loading import load_scenario as load_scenario
 from .scenario.schema import Scenario as Scenario
 from .selection.pareto import Pareto as Pareto
 from .selection.pareto import pareto as pareto
+from .selection.posterior.filter_schedule import FilterSchedule as FilterSchedule
+from .selection.posterior.filter_selection import select_for_filter as select_for_filter
 from .selection.schedule import Schedule as Schedule
 from .selection.schedule import upper_bound as upper_bound
 from .selection.sensor_loss import Loss as Loss

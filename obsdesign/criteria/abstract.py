@@ -49,6 +49,15 @@ class AbstractCriterion(ABC):
         """Return the number (...) for each W = (R'R)^-1, R (..., n, n): from a root of the covariance, whatever the states' units."""
 
     @abstractmethod
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return what covariances P (..., n, n) cost (...): smaller is better, and less where P is smaller in Loewner's order."""
+
+    @property
+    @abstractmethod
+    def is_trace_of_covariance(self) -> bool:
+        """Whether that cost is tr P: sums of it are linear in each covariance."""
+
+    @abstractmethod
     def slope(self, W: np.ndarray) -> np.ndarray:
         """Return Z (n, n), symmetric, with value(W + dW) <= value(W) + <Z, dW>: the gradient where there is one."""
 

@@ -49,6 +49,15 @@ class LogDet(AbstractCriterion):
         size = np.linalg.norm(R, axis=-1)
         return -2 * (np.linalg.slogdet(R / size[..., None])[1] + np.log(size).sum(axis=-1))
 
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return log det P."""
+        return np.linalg.slogdet(P)[1]
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        """False: it is log det P."""
+        return False
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         """Return W^-1."""
         return inverse(W)

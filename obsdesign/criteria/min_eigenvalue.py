@@ -47,6 +47,15 @@ class MinEigenvalue(AbstractCriterion):
         """Return 1 / |R|^2, with the spectral norm."""
         return np.linalg.norm(R, ord=2, axis=(-2, -1)) ** -2.0
 
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return the largest eigenvalue, the variance of the direction known least."""
+        return np.linalg.eigvalsh(P)[..., -1]
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        """False: it is the largest eigenvalue."""
+        return False
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         """Return V V' / k, V (n, k) the eigenvectors of the smallest eigenvalue, repeated k times: one of the supergradients."""
         # the mean over the eigenvectors of a repeated eigenvalue: one supergradient, and no matter how they are chosen

@@ -66,6 +66,15 @@ class Posterior(AbstractCriterion):
         """Return criterion of J = (R'R)^-1."""
         return self.criterion.value_from_root(R)
 
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return the criterion's cost."""
+        return self.criterion.covariance_cost(P)
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        """Whether the criterion's cost is tr P."""
+        return self.criterion.is_trace_of_covariance
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         """Return the slope of the criterion at J."""
         return self.criterion.slope(W)

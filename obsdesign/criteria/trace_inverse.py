@@ -50,6 +50,15 @@ class TraceInverse(AbstractCriterion):
         """Return -sum_ij R_ij^2."""
         return -np.sum(R**2, axis=(-2, -1))
 
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return tr P."""
+        return np.trace(P, axis1=-2, axis2=-1)
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        """True."""
+        return True
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         """Return W^-2."""
         V = inverse(W)

@@ -40,7 +40,7 @@ def update_with_samples(
     """
     M, V, rows, information = errors.M, errors.V, [], []
     for i, sensor in enumerate(model.output_owner):
-        row, bias_ratio, gate = _sample_row(model, nuisance, i)
+        row, bias_ratio, gate = sample_row(model, nuisance, i)
         z = nuisance.coloured.index(i) if i in nuisance.coloured else None
         w = gate / (gate * (1 if z is None else V[z, z]) + bias_ratio * (1 - gate))
         row = row if z is None else row + M[z, :]
@@ -63,7 +63,7 @@ def samples_given_previous(model: Model, nuisance: NuisanceStates, weights: ca.S
     U, rows = ca.SX(ca.sparsify(ca.DM(np.linalg.cholesky(nuisance.driving_covariance)))), []
     M = ca.horzcat(ca.SX(a, size), ca.diag(ca.SX(ca.DM(nuisance.decay))))
     for i, sensor in enumerate(model.output_owner):
-        row, bias_ratio, gate = _sample_row(model, nuisance, i)
+        row, bias_ratio, gate = sample_row(model, nuisance, i)
         row = ca.horzcat(row, ca.SX(1, a))
         z = nuisance.coloured.index(i) if i in nuisance.coloured else None
         f = ca.SX(a, 1) if z is None else U[z, :].T
@@ -79,7 +79,7 @@ def samples_given_previous(model: Model, nuisance: NuisanceStates, weights: ca.S
     return ca.vertcat(*rows), transition, ca.vertcat(ca.SX(size, a), U)
 
 
-def _sample_row(model: Model, nuisance: NuisanceStates, output: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+def sample_row(model: Model, nuisance: NuisanceStates, output: int) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return dy_i / d(b, x) / s_i (1, c + n), 1 + bias^2 / s_i^2 and the gate: missing = s_i^2 (1 + bias^2 / s_i^2)(1 - g) / g."""
     channel = model.channels[model.output_owner[output]]
     output_index = model.outputs_of[channel.name].index(output)

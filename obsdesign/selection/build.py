@@ -113,7 +113,7 @@ def _schedule_set(
     if not linked and not pattern_filters:
         _require_available_sensor(available, rules, segments)
         return CardinalitySchedules(available, per_segment)
-    patterns = _patterns(S, per_segment)
+    patterns = patterns_up_to(S, per_segment)
     for allows in pattern_filters:
         patterns = patterns[allows(patterns)]
     _require_usable_sensors(patterns, rules, per_segment, segments)
@@ -133,7 +133,7 @@ def _couples_segments(terms: Terms) -> bool:
     )
 
 
-def _patterns(S: int, per_segment: int) -> np.ndarray:
+def patterns_up_to(S: int, per_segment: int) -> np.ndarray:
     """All sets of at most per_segment sensors (P, S), the fullest first: of equals, the first is taken."""
     count = sum(comb(S, size) for size in range(per_segment + 1))
     if count > _MAX_PATTERNS:

@@ -90,8 +90,8 @@ class DwellChain(AbstractSchedules):
         return order, ends, targets
 
     @cached_property
-    def _states(self) -> list[tuple[int, ...]]:
-        """How long each sensor still has to stay on after this segment, -1 = off: every combination that a walk may reach."""
+    def states(self) -> np.ndarray:
+        """How long each sensor still has to stay on after this segment (Q, S), -1 = off: every combination that a walk may reach."""
         states = [(-1,) * self.patterns.shape[1]]
         for pattern in self.patterns:
             remaining = [range(self.dwell[s]) if on else (-1,) for s, on in enumerate(pattern)]
@@ -101,13 +101,13 @@ class DwellChain(AbstractSchedules):
                     f"{', '.join(str(int(length)) for length in self.dwell)}: fewer sensors per segment or shorter dwell times are accepted"
                 )
             states += [state for state in product(*remaining) if state not in states[:1]]
-        return states
+        return np.array(states)
 
     @cached_property
     def transitions(self) -> np.ndarray:
         """The state (Q, P) that a pattern leads to; Q where it switches off too early."""
-        states = np.array(self._states)
-        index = {state: i for i, state in enumerate(self._states)}
+        states = self.states
+        index = {tuple(state): i for i, state in enumerate(states.tolist())}
         after = np.where(states[:, None, :] >= 0, np.maximum(states[:, None, :] - 1, 0), self.dwell - 1)  # if on
         after = np.where(self.patterns[None], after, -1)
         early = (~self.patterns[None] & (states[:, None, :] > 0)).any(axis=2)
@@ -119,4 +119,4 @@ class DwellChain(AbstractSchedules):
     @cached_property
     def switch_ons(self) -> np.ndarray:
         """Which sensors a pattern switches on (Q, P, S)."""
-        return (np.array(self._states)[:, None, :] < 0) & self.patterns[None]
+        return (self.states[:, None, :] < 0) & self.patterns[None]

@@ -1,0 +1,120 @@
+"""Errors of a state along a path as one linear model: what a Kalman filter that knows how samples err would work with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
+from obsdesign.dynamics.step import CACHE_SIZE, looped_step
+from obsdesign.errors import InputError
+from obsdesign.information.information_update import Disturbance
+from obsdesign.information.nuisance_information import sample_row
+from obsdesign.information.sample_information import require_derivatives
+from obsdesign.prior import Prior
+from obsdesign.trajectory import Trajectory
+
+_WHITE_SHARE = 1e-6  # of coloured errors: the share of their covariance that counts as white, so that covariances stay regular
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Errors z = (x, b, e) of state, constant and coloured errors: z_k+1 = A_k z_k + w_k, samples r_ki z_k + v_ki, v_ki ~ N(0, 1).
+
+    initial_covariance (n, n) before the samples at t_0; transition A_k and noise Q_k (N-1, n, n) from t_k to t_k+1; rows r_ki
+    (N, q, n) over the standard deviation of what is white, 0 where there is no sample; sensor_of_row (q,). The first n_states
+    entries of z are the state. unknown_columns (N-1, n, p): what the unknown inputs named move, which is not in Q.
+
+    A coloured error e of covariance R is taken as e' + v with e' of covariance (1 - c) R and v white of variance
+    c l / (1 + d)^2, l the smallest eigenvalue of what drives e, d its largest decay: the spectrum of e is nowhere below
+    l / (1 + d)^2, so all samples together err no more than in truth, and by at least 1 - c of it. Covariances computed from it lie
+    below the true ones, by at most that share.
+    """
+
+    initial_covariance: np.ndarray
+    transition: np.ndarray
+    noise: np.ndarray
+    rows: np.ndarray
+    sensor_of_row: np.ndarray
+    n_states: int
+    unknown_columns: np.ndarray
+
+    def with_unknown_inputs(self, variance: np.ndarray) -> LinearModel:
+        """Return the model in which each unknown input has a variance (p,) in a step in place of an infinite one: one that knows more."""
+        B = self.unknown_columns
+        return replace(self, noise=self.noise + (B * variance) @ B.swapaxes(1, 2))
+
+    @property
+    def steps(self) -> int:
+        """N, the number of instants with samples."""
+        return len(self.rows)
+
+
+def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> LinearModel:
+    """Return the model along a path; disturbance, weights (N, S): as for the posterior.
+
+    Raises InputError for samples that have no derivative.
+    """
+    model, nuisance, n = system.model, nuisance_of(system.model, path.step), path.x.shape[1]
+    arrays = _linearisation(model, path.step, substeps_along(system, path)).along(
+        np.empty(0), path.x[:-1], all_inputs_along(system, path), weights
+    )[1:]
+    F, B, state_rows, bias_loads, white = arrays
+    N, q, c, a = path.steps, len(model.output_owner), len(nuisance.constant), len(nuisance.coloured)
+    F, B = F.reshape(N, n, n).swapaxes(1, 2), B.reshape(N, len(model.unknown_inputs), n).swapaxes(1, 2)[:, :, list(disturbance.unknown)]
+    size, L = n + c + a, disturbance.L
+    transition, noise, covariance = np.zeros((N, size, size)), np.zeros((N, size, size)), np.zeros((size, size))
+    transition[:, :n, :n] = F
+    transition[:, range(n, size), range(n, size)] = np.concatenate([np.ones(c), nuisance.decay])
+    noise[:, :n, :n] = L @ L.T
+    noise[:, n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.driving_covariance
+    covariance[:n, :n], covariance[n : n + c, n : n + c] = prior.covariance, np.eye(c)
+    covariance[n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.R
+    rows = np.zeros((N, q, size))
+    rows[:, :, :n], rows[:, :, n : n + c] = state_rows.reshape(N, n, q).swapaxes(1, 2), bias_loads.reshape(N, c, q).swapaxes(1, 2)
+    for index, output in enumerate(nuisance.coloured):
+        rows[:, output, n + c + index] = 1.0
+    rows = _whiten(rows, white + _white_part(nuisance, q), weights[:, list(model.output_owner)])
+    if not (np.isfinite(rows).all() and np.isfinite(transition).all()):
+        require_derivatives(system, path, weights > 0)
+        raise InputError("the linearised model is not finite along the path")
+    columns = np.zeros((N - 1, size, B.shape[2]))
+    columns[:, :n] = B[:-1]
+    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), n, columns)
+
+
+def _whiten(rows: np.ndarray, variance: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return rows (N, q, n) over the root of their white variance (N, q), 0 where there is no sample."""
+    is_sampled = (weights > 0) & (variance < np.inf)
+    return np.where(is_sampled[:, :, None], rows, 0.0) / np.sqrt(np.where(is_sampled, variance, 1.0))[:, :, None]
+
+
+def _white_part(nuisance: NuisanceStates, outputs: int) -> np.ndarray:
+    """Return the variance (q,) of what counts as white in an error relative to its spread: 1 where all of it is."""
+    part = np.ones(outputs)
+    if nuisance.coloured:
+        smallest = float(np.linalg.eigvalsh(nuisance.driving_covariance)[0])
+        part[list(nuisance.coloured)] = _WHITE_SHARE * smallest / (1 + float(nuisance.decay.max())) ** 2
+    return part
+
+
+@lru_cache(CACHE_SIZE)
+def _linearisation(model: Model, step: float, substeps: int) -> Scan:
+    """Rows x_k, (u, w)_k, active (S,) -> F, B_w, dy / dx and dy / db of all outputs over their spreads, and what gates add to variances."""
+    graph, nuisance, weights = looped_step(model, step, substeps), nuisance_of(model, step), ca.SX.sym("active", len(model.channels))
+    c, rows, missing = len(nuisance.constant), [], []
+    for i, sensor in enumerate(model.output_owner):
+        row, bias_ratio, gate = sample_row(model, nuisance, i)
+        # not a product: where a sensor that is off has no derivative, nothing is lost
+        rows.append(ca.if_else(weights[sensor], row, ca.SX(*row.shape)))
+        missing.append(ca.if_else(gate > 0, bias_ratio * (1 - gate) / ca.if_else(gate > 0, gate, 1), np.inf))
+    stacked = ca.vertcat(*rows)
+    results = [graph.F, graph.B_w, stacked[:, c:], stacked[:, :c], ca.vertcat(*missing)]
+    columns = [ca.vec(ca.densify(result)) for result in results]
+    return Scan(ca.SX(0, 1), [graph.x, graph.all_inputs, weights], ca.SX(0, 1), columns, loop=graph.loop)

@@ -1,0 +1,189 @@
+"""Deepen and prune: longer and longer windows, without those through which no schedule is better than the best known.
+
+With windows of L choices the cheapest chain bounds every schedule from below. A window through which every chain costs as much as the best
+schedule known, or takes more of a resource than there is, need not be looked at again. Windows of L + 1 choices are pairs of
+windows of L choices that overlap. When they are as long as the run the bound is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
+from obsdesign.selection.posterior.windows import WindowLayer, first_layers, minima_after, minima_to
+
+
+@dataclass(frozen=True, eq=False)
+class WorkLimits:
+    """What the search may take: windows held at a time, and windows simulated in all."""
+
+    max_windows: int
+    max_simulated: int
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """The best schedule known, a bound that no schedule is below, how long the windows were, and how many were simulated."""
+
+    walk: Walk
+    bound: float
+    depth: int
+    simulated: int
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """Layers of windows, and what chains through each of them take at least; see `windows`.
+
+    cost_to (W,), cost_after (W,): the objective with prices (R,) for the resources, to each window and after it; amounts_to,
+    amounts_after (R + 1, W): what switching costs, and usage, each for itself.
+    """
+
+    problem: PosteriorProblem
+    layers: list[WindowLayer]
+    prices: np.ndarray
+    cost_to: list[np.ndarray]
+    cost_after: list[np.ndarray]
+    amounts_to: list[np.ndarray]
+    amounts_after: list[np.ndarray]
+
+    def through(self, k: int) -> np.ndarray:
+        """Return what every schedule through each window (W,) costs at least; inf where it would take more than there is."""
+        amounts = self.amounts_to[k] + self.amounts_after[k]
+        return self._total(self.problem.combine(self.cost_to[k], self.cost_after[k]), amounts)
+
+    def through_pairs(self, k: int, before: np.ndarray, window: np.ndarray) -> np.ndarray:
+        """Return what every schedule through windows (B,) of layer k - 1 and windows (B,) of layer k costs at least."""
+        layer = self.layers[k]
+        own = self.problem.combine(priced_cost(self.problem, layer.only(window), self.prices), self.cost_after[k][window])
+        amounts = self.amounts_to[k - 1][:, before] + layer.amounts[:, window] + self.amounts_after[k][:, window]
+        return self._total(self.problem.combine(self.cost_to[k - 1][before], own), amounts)
+
+    def _total(self, cost: np.ndarray, amounts: np.ndarray) -> np.ndarray:
+        limits = self.problem.options.limits
+        total = cost - self.prices @ limits + (amounts[0] if self.problem.is_worst else 0.0)
+        return np.where((amounts[1:] <= limits[:, None]).all(axis=0), total, np.inf)
+
+    @property
+    def bound(self) -> float:
+        """What no schedule is below: every one goes through a window of each layer."""
+        return max(float(self.through(k).min(initial=np.inf)) for k in range(len(self.layers)))
+
+    def cheapest(self) -> np.ndarray:
+        """Return the nodes (K,) of a cheapest chain."""
+        index = int(self.through(len(self.layers) - 1).argmin())
+        nodes = np.empty(len(self.layers), dtype=int)
+        for k in range(len(self.layers) - 1, 0, -1):
+            nodes[k] = self.layers[k].node[index]
+            matching = np.flatnonzero(self.layers[k - 1].tail == self.layers[k].head[index])
+            index = int(matching[self.cost_to[k - 1][matching].argmin()])
+        nodes[0] = self.layers[0].node[index]
+        return nodes
+
+
+def priced_cost(problem: PosteriorProblem, layer: WindowLayer, prices: np.ndarray) -> np.ndarray:
+    """Return what windows (W,) add to the objective: their cost, and where costs are sums what switching costs and prices of resources."""
+    return layer.cost if problem.is_worst else layer.cost + layer.amounts[0] + prices @ layer.amounts[1:]
+
+
+def build_chain(problem: PosteriorProblem, layers: list[WindowLayer], prices: np.ndarray) -> Chain:
+    """Return the chain of layers."""
+    costs, amounts = [priced_cost(problem, layer, prices) for layer in layers], [layer.amounts for layer in layers]
+    neutral = -np.inf if problem.is_worst else 0.0
+    return Chain(
+        problem,
+        layers,
+        prices,
+        minima_to(layers, costs, problem.combine),
+        minima_after(layers, costs, problem.combine, neutral),
+        minima_to(layers, amounts, np.add),
+        minima_after(layers, amounts, np.add, 0.0),
+    )
+
+
+def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits) -> Proof:
+    """Return the best schedule and bound that deepening comes to from a first schedule.
+
+    gap: how much below the best known a schedule has to be to be looked for, in the cost's unit.
+    """
+    layers, bound, depth = first_layers(problem), -np.inf, 2
+    simulated = count_windows(layers)
+    while True:
+        chain = build_chain(problem, layers, best_prices(problem, layers))
+        walk = better_walk(problem, walk, chain.cheapest()) if np.isfinite(chain.bound) else walk
+        bound = max(bound, min(chain.bound, walk.value - gap))
+        if chain.bound >= walk.value - gap or depth >= problem.segments:
+            return Proof(walk, bound, depth, simulated)
+        chain = prune(chain, walk.value - gap)
+        pairs = [open_pairs(chain, k, walk.value - gap) for k in range(1, problem.segments)]
+        count = sum(len(before) for before, _ in pairs)
+        if count > effort.max_windows or simulated + count > effort.max_simulated:
+            return Proof(walk, bound, depth, simulated)
+        layers, depth = extend_windows(chain, pairs), depth + 1
+        simulated += count_windows(layers)
+
+
+def better_walk(problem: PosteriorProblem, walk: Walk, nodes: np.ndarray) -> Walk:
+    """Return the walk through nodes (K,) if it keeps the limits and costs less than the one known, else that."""
+    candidate = problem.walk(nodes)
+    return candidate if problem.is_feasible(candidate) and candidate.value < walk.value else walk
+
+
+def count_windows(layers: list[WindowLayer]) -> int:
+    """Return how many windows there are."""
+    return sum(len(layer.node) for layer in layers)
+
+
+def prune(chain: Chain, limit: float) -> Chain:
+    """Return the chain without windows through which every schedule costs at least the limit, numbers of windows made anew."""
+    kept = [np.flatnonzero(chain.through(k) < limit) for k in range(len(chain.layers))]
+    layers = [layer.only(index) for layer, index in zip(chain.layers, kept, strict=True)]
+    return replace(
+        chain,
+        layers=layers,
+        **{
+            name: [values[..., index] for values, index in zip(getattr(chain, name), kept, strict=True)]
+            for name in ("cost_to", "cost_after", "amounts_to", "amounts_after")
+        },
+    )
+
+
+def _pairs(before: WindowLayer, layer: WindowLayer) -> tuple[np.ndarray, np.ndarray]:
+    """Return the windows of two layers that overlap, as indices (B,) each."""
+    order = np.argsort(before.tail, kind="stable")
+    first = np.searchsorted(before.tail[order], layer.head, side="left")
+    count = np.searchsorted(before.tail[order], layer.head, side="right") - first
+    window = np.repeat(np.arange(len(layer.head)), count)
+    offset = np.arange(len(window)) - np.repeat(np.cumsum(count) - count, count)
+    return order[np.repeat(first, count) + offset], window
+
+
+def open_pairs(chain: Chain, k: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the windows of layers k - 1 and k that overlap and through both of which a schedule may cost less than the limit."""
+    before, window = _pairs(chain.layers[k - 1], chain.layers[k])
+    is_open = chain.through_pairs(k, before, window) < limit
+    return before[is_open], window[is_open]
+
+
+def extend_windows(chain: Chain, pairs: list[tuple[np.ndarray, np.ndarray]]) -> list[WindowLayer]:
+    """Return windows of one choice more, one for each pair that overlaps; all are simulated at once."""
+    problem, layers = chain.problem, chain.layers
+    segment = np.repeat(np.arange(1, len(layers)), [len(before) for before, _ in pairs])
+    node = np.concatenate([layer.node[window] for layer, (_, window) in zip(layers[1:], pairs, strict=True)])
+    P = np.concatenate([layer.P[:, :, before] for layer, (before, _) in zip(layers, pairs, strict=False)], axis=2)
+    cost, P = problem.maps.advance(segment, problem.options.pattern_of_node[node], P)
+    longer = [replace(layers[0], tail=np.arange(len(layers[0].node)), n_tails=len(layers[0].node))]
+    end = 0
+    for layer, (before, window) in zip(layers[1:], pairs, strict=True):
+        part = slice(end, end := end + len(before))
+        # never less, but for rounding
+        exact = np.maximum(cost[part], layer.cost[window])
+        longer.append(WindowLayer(node[part], before, window, len(layer.node), exact, layer.amounts[:, window], P[:, :, part]))
+    return longer
+
+
+def best_prices(problem: PosteriorProblem, layers: list[WindowLayer]) -> np.ndarray:
+    """Return prices (R,) of the resources with which the chain bounds from highest; 0 where the largest cost counts."""
+    return np.zeros(len(problem.options.limits))

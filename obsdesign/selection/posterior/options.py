@@ -1,0 +1,137 @@
+"""What may be on in each segment, and what may follow it: the rules as nodes of a chain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from obsdesign.rules.abstract import AbstractRule, Resource, Segments
+from obsdesign.selection.build import patterns_up_to
+from obsdesign.selection.pricing.dwell_chain import DwellChain
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """A schedule is a walk through A nodes, one per segment: a pattern of sensors and how long each still has to stay on.
+
+    patterns (P, S) bool; pattern_of_node (A,); allowed (K, A) bool; follows (A, A) bool, from row to column; may_start (A,) bool;
+    switch_ons (A + 1, A, S) bool: which sensors a step switches on, from the last row where nothing was on before; switching (S,): what
+    each switching-on costs; resources: what is limited in sum.
+    """
+
+    patterns: np.ndarray
+    pattern_of_node: np.ndarray
+    allowed: np.ndarray
+    follows: np.ndarray
+    may_start: np.ndarray
+    switch_ons: np.ndarray
+    switching: np.ndarray
+    resources: tuple[Resource, ...]
+
+    @property
+    def segments(self) -> int:
+        """K."""
+        return len(self.allowed)
+
+    @cached_property
+    def switching_costs(self) -> np.ndarray:
+        """What a step from node to node costs (A + 1, A), from nothing on in the last row."""
+        return self.switch_ons @ self.switching
+
+    @cached_property
+    def usage(self) -> np.ndarray:
+        """How much a node takes of each resource in each segment (R, K, A), its switching-ons left out."""
+        on = self.patterns[self.pattern_of_node].astype(float)
+        return np.array([resource.usage @ on.T for resource in self.resources]).reshape(-1, *self.allowed.shape)
+
+    @cached_property
+    def start_usage(self) -> np.ndarray:
+        """How much a step takes of each resource for what it switches on (R, A + 1, A)."""
+        return np.array([self.switch_ons @ resource.start for resource in self.resources]).reshape(-1, *self.switching_costs.shape)
+
+    @cached_property
+    def limits(self) -> np.ndarray:
+        """Limits of the resources (R,), with what rounding may add to a sum."""
+        limits = np.array([resource.limit for resource in self.resources])
+        return limits + 1e-9 * np.maximum(1.0, np.abs(limits))
+
+    @property
+    def is_linked(self) -> bool:
+        """Whether a segment's choice bears on others but for what the filter knows."""
+        return bool(len(self.resources) or self.switching.any() or not self.follows.all())
+
+    def chosen(self, nodes: np.ndarray) -> np.ndarray:
+        """Return the schedule (K, S) of a walk (K,)."""
+        return self.patterns[self.pattern_of_node[nodes]]
+
+
+def build_options(rules: tuple[AbstractRule, ...], per_segment: int, segments: Segments, answers: np.ndarray) -> Options:
+    """Return the options of rules; answers (K, S) bool: which sensors have a sample at all in a segment.
+
+    Where segments are free of each other, an option that has fewer samples than another allowed one is left out: it is never better.
+    Raises InputError for rules that do not fit the segments.
+    """
+    terms = [rule.terms(segments) for rule in rules]
+    S = len(segments.names)
+    masks = [term.available for term in terms if term.available is not None]
+    available = np.logical_and.reduce(masks) if masks else np.ones(answers.shape, dtype=bool)
+    patterns = patterns_up_to(S, per_segment)
+    for term in terms:
+        if term.admissible is not None:
+            patterns = patterns[term.admissible(patterns)]
+    dwell = np.max([np.ones(S, dtype=int), *(term.dwell for term in terms if term.dwell is not None)], axis=0)
+    switching = np.sum([np.zeros(S), *(term.switching for term in terms if term.switching is not None)], axis=0)
+    resources = tuple(term.resource for term in terms if term.resource is not None)
+    chain = DwellChain(available, patterns, dwell)
+    is_free = not (resources or switching.any() or (dwell > 1).any())
+    return _options_of(chain, switching, resources, answers if is_free else None)
+
+
+def _options_of(chain: DwellChain, switching: np.ndarray, resources: tuple[Resource, ...], answers: np.ndarray | None) -> Options:
+    states, patterns, transitions = chain.states, chain.patterns, chain.transitions
+    A = len(states)
+    pattern_of_node = _index_of_rows(states >= 0, patterns)
+    follows = np.zeros((A, A + 1), dtype=bool)
+    follows[np.arange(A)[:, None], transitions] = True
+    follows = follows[:, :A]
+    is_on = states >= 0
+    switch_ons = ~np.vstack([is_on, np.zeros((1, is_on.shape[1]), dtype=bool)])[:, None, :] & is_on[None]
+    allowed_patterns = np.asarray(~(patterns[None] & ~chain.available[:, None, :]).any(axis=2))
+    if answers is not None:
+        allowed_patterns = _undominated(patterns, allowed_patterns, answers)
+    return Options(
+        patterns, pattern_of_node, allowed_patterns[:, pattern_of_node], follows, follows[0].copy(), switch_ons, switching, resources
+    )
+
+
+def _index_of_rows(rows: np.ndarray, table: np.ndarray) -> np.ndarray:
+    index = {row.tobytes(): i for i, row in enumerate(table)}
+    return np.array([index[row.tobytes()] for row in np.ascontiguousarray(rows)])
+
+
+def _undominated(patterns: np.ndarray, allowed: np.ndarray, answers: np.ndarray) -> np.ndarray:
+    """Return allowed (K, P) without patterns whose samples are all among another one's; of equals, the one with fewest sensors stays."""
+    kept = np.zeros_like(allowed)
+    cache: dict[bytes, np.ndarray] = {}
+    for k, (is_allowed, is_answering) in enumerate(zip(allowed, answers, strict=True)):
+        key = is_allowed.tobytes() + is_answering.tobytes()
+        if key not in cache:
+            cache[key] = _undominated_in_segment(patterns, is_allowed, is_answering)
+        kept[k] = cache[key]
+    return kept
+
+
+def _undominated_in_segment(patterns: np.ndarray, is_allowed: np.ndarray, is_answering: np.ndarray) -> np.ndarray:
+    candidates = np.flatnonzero(is_allowed)
+    effective = (patterns[candidates] & is_answering).astype(float)
+    is_subset = effective @ (1 - effective).T == 0  # row's samples are all among column's
+    size = patterns[candidates].sum(axis=1)
+    order = np.arange(len(candidates))
+    is_equal = is_subset & is_subset.T
+    is_preferred = (size[None] < size[:, None]) | ((size[None] == size[:, None]) & (order[None] < order[:, None]))
+    is_dominated = ((is_subset & ~is_equal) | (is_equal & is_preferred)).any(axis=1)
+    kept = np.zeros(len(patterns), dtype=bool)
+    kept[candidates[~is_dominated]] = True
+    return kept

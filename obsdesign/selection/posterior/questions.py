@@ -1,0 +1,183 @@
+"""What is asked of a schedule for the filter: checked arguments, segments, and the cost of covariances along a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.checks import as_array, require_known, require_positive, whole_multiple
+from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.path_segments import segments_along
+from obsdesign.errors import InputError
+from obsdesign.information.information_update import Disturbance
+from obsdesign.information.linear_model import LinearModel, linear_model_of
+from obsdesign.information.posterior import disturbance_of, posterior_information, weights_of
+from obsdesign.prior import Prior
+from obsdesign.round_off import standard_deviations
+from obsdesign.rules.abstract import Segments
+from obsdesign.selection.posterior.instant_costs import InstantCosts
+from obsdesign.trajectory import Trajectory
+
+Over: TypeAlias = Literal["mean", "worst", "end"] | Sequence[float] | np.ndarray
+_UNKNOWN_SPREAD = 1e3  # of the prior's deviations: how far an unknown input moves some state in a step, in place of any distance
+_ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be
+
+
+@dataclass(frozen=True, eq=False)
+class FilterQuestion:
+    """A run, what is known and what moves the state, and which segments may have which samples.
+
+    nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on.
+    """
+
+    system: AbstractSystem
+    path: Trajectory
+    prior: Prior
+    disturbance_psd: ArrayLike | None
+    unknown_inputs: tuple[str, ...]
+    arrivals: np.ndarray
+    nodes: np.ndarray
+    costs: InstantCosts
+
+    @cached_property
+    def segments(self) -> Segments:
+        """What rules know of the segments."""
+        return segments_along(self.system.model, self.path, self.nodes)
+
+    @cached_property
+    def disturbance(self) -> Disturbance:
+        """What moves the state beside its inputs."""
+        return disturbance_of(self.system, self.path, self.prior, self.disturbance_psd, self.unknown_inputs)
+
+    @cached_property
+    def linear_model(self) -> LinearModel:
+        """The model along the path; unknown inputs get a large variance in place of an infinite one, so that bounds stay below."""
+        model = linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals)
+        deviations = np.sqrt(np.diag(model.initial_covariance))
+        size = np.abs(model.unknown_columns / deviations[:, None]).max(axis=(0, 1), initial=0.0)
+        return model.with_unknown_inputs((_UNKNOWN_SPREAD / np.where(size > 0, size, 1.0)) ** 2)
+
+    @property
+    def answers(self) -> np.ndarray:
+        """Which sensors have a sample at all in a segment (K, S)."""
+        return np.add.reduceat(self.arrivals, self.nodes[:-1], axis=0) > 0
+
+    def active(self, chosen: np.ndarray) -> np.ndarray:
+        """Return which samples a schedule (K, S) has (N, S)."""
+        return np.repeat(chosen, np.diff(self.nodes), axis=0) & (self.arrivals > 0)
+
+    def information(self, chosen: np.ndarray) -> np.ndarray:
+        """Return J (N, n, n) after the samples at t_k of a schedule (K, S)."""
+        return posterior_information(
+            self.system, self.path, self.prior, self.disturbance_psd, self.unknown_inputs, self.active(chosen).astype(float)
+        )[:-1]
+
+    def cost(self, J: np.ndarray) -> float:
+        """Return the cost of information J (N, n, n); inf where a state asked about is hidden at an instant that counts."""
+        counted = J[self.costs.weights > 0]
+        if not np.isfinite(standard_deviations(counted)[:, self.costs.about]).all():
+            return float("inf")
+        covariances = np.zeros_like(J)
+        covariances[self.costs.weights > 0] = _inverse(counted)
+        return self.costs.value(covariances)
+
+
+def _inverse(J: np.ndarray) -> np.ndarray:
+    """Return J^-1 (N, n, n), by unit diagonals."""
+    size = np.sqrt(np.diagonal(J, axis1=1, axis2=2))
+    size = np.where(size > 0, size, 1.0)
+    outer = size[:, :, None] * size[:, None, :]
+    return np.linalg.pinv(J / outer, rcond=1e-15, hermitian=True) / outer
+
+
+def build_question(
+    system: AbstractSystem,
+    path: Trajectory,
+    prior: Prior,
+    *,
+    segment: float | Sequence[float],
+    disturbance_psd: ArrayLike | None,
+    unknown_inputs: Sequence[str],
+    about: Sequence[str] | None,
+    over: Over,
+    criterion: AbstractCriterion,
+    scale: ArrayLike | None,
+    active: np.ndarray | None,
+) -> FilterQuestion:
+    """Return what is asked, or raise InputError for what does not fit."""
+    names = system.model.state_names
+    arrivals = weights_of(system, path, active)
+    if criterion.knowledge is not None:
+        raise InputError(f"criterion is {type(criterion).__name__}: must be TraceInverse(), MinEigenvalue() or LogDet()")
+    weights, is_worst = _weights(over, path.steps)
+    places = _places(names, about)
+    costs = InstantCosts(criterion, places, _scale(scale, names)[places], weights, is_worst)
+    question = FilterQuestion(system, path, prior, disturbance_psd, tuple(unknown_inputs), arrivals, segment_nodes(path, segment), costs)
+    question.disturbance  # noqa: B018  # refuses what does not fit before any work
+    return question
+
+
+def _places(names: tuple[str, ...], about: Sequence[str] | None) -> np.ndarray:
+    """Return the indices of the states asked about (q,)."""
+    if about is None:
+        return np.arange(len(names))
+    given = (about,) if isinstance(about, str) else tuple(about)
+    require_known("about", given, names)
+    if not given or len(set(given)) < len(given):
+        raise InputError(f"about is {about!r}: must be different names of states, at least one ({', '.join(names)})")
+    return np.array([names.index(name) for name in given])
+
+
+def _scale(scale: ArrayLike | None, names: tuple[str, ...]) -> np.ndarray:
+    if scale is None:
+        return np.ones(len(names))
+    values = as_array("scale", scale)
+    if values.shape != (len(names),) or not (np.isfinite(values).all() and (values > 0).all()):
+        raise InputError(f"scale is {values.tolist()}: must be {len(names)} finite numbers above 0, one per state ({', '.join(names)})")
+    return values
+
+
+def _weights(over: Over, steps: int) -> tuple[np.ndarray, bool]:
+    """Return the weights of instants (N,), and whether the largest cost counts instead of their sum."""
+    if isinstance(over, str):
+        if over not in ("mean", "worst", "end"):
+            raise InputError(f"over is {over!r}: must be 'mean', 'worst', 'end', or a weight for each of the {steps} instants with samples")
+        return (np.eye(steps)[-1] if over == "end" else np.full(steps, 1.0 if over == "worst" else 1 / steps)), over == "worst"
+    weights = as_array("over", over)
+    if weights.shape != (steps,):
+        raise InputError(f"over has shape {weights.shape}: must be ({steps},), one weight for each instant with samples")
+    if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
+        wrong = weights[~(np.isfinite(weights) & (weights >= 0))]
+        shown = f"has the entry {wrong[0]:g}" if len(wrong) else "is 0 everywhere"
+        raise InputError(f"over {shown}: weights must be finite numbers of at least 0, not all of them 0")
+    return weights, False
+
+
+def segment_nodes(path: Trajectory, segment: float | Sequence[float]) -> np.ndarray:
+    """Return where segments begin and end (K+1,), in steps: every `segment` seconds, the last may be shorter, or at given times."""
+    steps = path.steps
+    if isinstance(segment, int | float) or np.ndim(segment) == 0:
+        require_positive("segment", float(segment))  # pyright: ignore[reportArgumentType]
+        count = whole_multiple(float(segment), path.step)  # pyright: ignore[reportArgumentType]
+        if count is None:
+            raise InputError(f"segment is {segment!r} s: must be a whole multiple of the path's step ({path.step:g} s)")
+        return np.append(np.arange(0, steps, count), steps)
+    times = as_array("segment", segment)
+    if times.ndim != 1 or len(times) < 2 or not np.isfinite(times).all():
+        raise InputError(f"segment has shape {times.shape}: must be a length in seconds, or two or more times at which segments meet")
+    nodes = (times - path.t[0]) / path.step
+    whole = np.round(nodes).astype(int)
+    off = np.abs(nodes - whole) > _ON_A_STEP
+    if off.any():
+        raise InputError(
+            f"segment has the time {times[off][0]:g} s: must be at a step of the path (every {path.step:g} s from {path.t[0]:g} s)"
+        )
+    if whole[0] != 0 or whole[-1] != steps or (np.diff(whole) <= 0).any():
+        raise InputError(f"segment goes from {times[0]:g} s to {times[-1]:g} s: must rise from {path.t[0]:g} s to {path.t[-1]:g} s")
+    return whole

@@ -1,0 +1,143 @@
+"""Schedules for the filter against all schedules of small problems, with a Kalman filter of the test's own."""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import obsdesign as od
+
+_OVER = ("mean", "worst", "end")
+_CRITERIA = (od.TraceInverse(), od.MinEigenvalue(), od.LogDet())
+
+
+def _random_system(random: np.random.Generator, n: int, sensors: int) -> od.ControlAffineSystem:
+    """Return a linear system x' = A x with sensors of one row each."""
+    x = ca.SX.sym("x", n)
+    A, C = random.normal(size=(n, n)) - 0.5 * np.eye(n), random.normal(size=(sensors, n))
+    outputs = {f"y{s}": ca.mtimes(ca.DM(C[s : s + 1]), x) for s in range(sensors)}
+    return od.ControlAffineSystem(x, tuple(f"s{i}" for i in range(n)), drift=ca.mtimes(ca.DM(A), x), outputs=outputs)
+
+
+def _covariances(system: od.ControlAffineSystem, prior: od.Prior, psd: np.ndarray, step: float, active: np.ndarray) -> np.ndarray:
+    """Return P_k (N, n, n) after the samples at t_k, by Joseph's form; all outputs have sigma 1."""
+    from scipy.linalg import expm
+
+    model = system.model
+    A = ca.DM(ca.jacobian(model.drift, model.x)).full()
+    C = ca.DM(ca.jacobian(model.h, model.x)).full()
+    F, P, result = expm(A * step), prior.covariance, []
+    for on in active:
+        for row in C[on > 0]:
+            K = P @ row / (1 + row @ P @ row)
+            I_KC = np.eye(len(P)) - np.outer(K, row)
+            P = I_KC @ P @ I_KC.T + np.outer(K, K)
+        result.append(P)
+        P = F @ P @ F.T + np.diag(psd) * step
+    return np.array(result)
+
+
+def _cost(P: np.ndarray, scale: np.ndarray, about: list[int], over: str, criterion: object) -> float:
+    block = (P / scale[:, None] / scale)[:, about][:, :, about]
+    if isinstance(criterion, od.TraceInverse):
+        costs = np.trace(block, axis1=1, axis2=2)
+    else:
+        costs = np.linalg.eigvalsh(block)[:, -1] if isinstance(criterion, od.MinEigenvalue) else np.linalg.slogdet(block)[1]
+    return float({"mean": costs.mean(), "worst": costs.max(), "end": costs[-1]}[over])
+
+
+def _keeps(rules: tuple, chosen: np.ndarray) -> bool:
+    """Whether a schedule keeps the rules that these tests use, written anew."""
+    for rule in rules:
+        if isinstance(rule, od.MaxUses) and chosen[:, rule.sensor].sum() > rule.most:
+            return False
+        if isinstance(rule, od.Exclusive) and (chosen[:, list(rule.sensors)].sum(axis=1) > 1).any():
+            return False
+        if isinstance(rule, od.Requires) and (chosen[:, rule.sensor] & ~chosen[:, rule.other]).any():
+            return False
+        if isinstance(rule, od.MinimumDwell):
+            for column in chosen.T:
+                edges = np.flatnonzero(np.diff(np.concatenate([[0], column.astype(int), [0]])))
+                if any(b - a < rule.least and b < len(column) for a, b in zip(edges[::2], edges[1::2], strict=True)):
+                    return False
+    return True
+
+
+def _switching(rules: tuple, chosen: np.ndarray) -> float:
+    starts = (chosen & ~np.vstack([np.zeros((1, chosen.shape[1]), dtype=bool), chosen[:-1]])).sum()
+    return sum(rule.cost * float(starts) for rule in rules if isinstance(rule, od.SwitchingCost))
+
+
+def _rules(random: np.random.Generator, K: int, S: int) -> tuple:
+    pool = [
+        (),
+        (od.MaxUses(0, int(random.integers(0, K))),),
+        (od.MinimumDwell(2),),
+        (od.SwitchingCost(float(random.uniform(0.0, 0.3))),),
+        (od.Exclusive((0, 1)),) if S > 1 else (),
+        (od.Requires(0, 1),) if S > 1 else (),
+        (od.MaxUses(0, int(random.integers(0, K))), od.MinimumDwell(2)),
+    ]
+    return pool[int(random.integers(len(pool)))]
+
+
+def random_instance(seed: int) -> dict:
+    """Return a random question of at most 16 decisions."""
+    random = np.random.default_rng(seed)
+    S = int(random.integers(1, 5))
+    K = int(random.integers(1, 12 // S + 1))
+    n, per_segment, steps = int(random.integers(1, 5)), int(random.integers(1, min(S, 2) + 1)), int(random.integers(1, 4))
+    system, step = _random_system(random, n, S), float(random.uniform(0.05, 0.5))
+    N = K * steps
+    path = od.simulate(system, np.zeros(n), np.zeros((N, 0)), step)
+    prior = od.Prior(mean=np.zeros(n), std=np.exp(random.normal(size=n)))
+    psd = np.exp(random.normal(size=n)) * (random.random() < 0.8)
+    arrivals = (random.random((N, S)) < random.choice([0.6, 1.0])).astype(float)
+    about = sorted(random.choice(n, size=int(random.integers(1, n + 1)), replace=False).tolist())
+    return {
+        "system": system,
+        "path": path,
+        "prior": prior,
+        "per_segment": per_segment,
+        "segment": steps * step,
+        "disturbance_psd": psd,
+        "about": tuple(f"s{i}" for i in about),
+        "over": str(random.choice(_OVER)),
+        "criterion": _CRITERIA[int(random.integers(3))],
+        "scale": np.exp(random.normal(size=n)),
+        "active": arrivals,
+        "rules": _rules(random, K, S),
+    }
+
+
+def brute_force(question: dict) -> float:
+    """Return the least cost of all schedules that keep the rules; inf where there is none."""
+    S = question["active"].shape[1]
+    steps = round(question["segment"] / question["path"].step)
+    K = len(question["active"]) // steps
+    about = [int(name[1:]) for name in question["about"]]
+    rows = [np.isin(np.arange(S), on) for size in range(question["per_segment"] + 1) for on in combinations(range(S), size)]
+    best = np.inf
+    for combination in product(rows, repeat=K):
+        chosen = np.array(combination)
+        if _keeps(question["rules"], chosen):
+            active = np.repeat(chosen, steps, axis=0) * question["active"]
+            P = _covariances(question["system"], question["prior"], question["disturbance_psd"], question["path"].step, active)
+            cost = _cost(P, question["scale"], about, question["over"], question["criterion"])
+            best = min(best, cost + _switching(question["rules"], chosen))
+    return best
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_the_schedule_is_the_best_of_all(seed: int) -> None:
+    """Of up to 2^16 schedules none is better, and the bound is below all of them, whatever is asked and whatever rules are kept."""
+    question = random_instance(seed)
+    best = brute_force(question)
+    schedule = od.select_for_filter(**question, gap=1e-7)
+    size = max(abs(best), 1.0)
+    assert schedule.value == pytest.approx(best, abs=1e-6 * size)
+    assert schedule.bound <= best + 1e-12 * size
+    assert schedule.status is od.Status.OPTIMAL
