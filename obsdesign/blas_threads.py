@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from importlib import import_module
 from threading import Lock
 
 from threadpoolctl import ThreadpoolController
@@ -31,5 +32,5 @@ def one_thread() -> Iterator[None]:
 
 @cache
 def _controller() -> ThreadpoolController:
-
+    import_module("scipy.linalg")  # SciPy has a BLAS of its own, which is found only once it is loaded
     return ThreadpoolController()
