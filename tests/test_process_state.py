@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import matplotlib as mpl
 import numpy as np
 import pytest
+import scipy.linalg  # noqa: F401  # with a BLAS of its own, which is counted from when it is loaded
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import obsdesign as od
