@@ -8,9 +8,12 @@ import numpy as np
 
 from obsdesign.selection.posterior.deepening import WorkLimits, prove
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
+from obsdesign.selection.posterior.resource_prices import best_prices
 from obsdesign.selection.posterior.trellis import follow_trellis
+from obsdesign.selection.posterior.windows import first_layers
 
 _MAX_TRELLIS = 4096  # partial schedules of a trellis
+_PRICE_FACTORS = (0.0, 0.5, 1.0, 1.5)  # times the best prices of limits: with which partial schedules are compared
 _EFFORT = WorkLimits(max_windows=300_000, max_simulated=1_500_000)
 
 
@@ -33,12 +36,28 @@ def search(problem: PosteriorProblem, gap: float, is_relative: bool) -> Answer:
 
 
 def first_walk(problem: PosteriorProblem) -> Walk | None:
-    """Return the best walk of trellises of growing depth."""
+    """Return the best walk of trellises of growing depth, with several prices where something is limited in sum."""
     best, nodes = None, len(problem.options.pattern_of_node)
+    prices = trellis_prices(problem)
     for depth in (1, 2, 3):
         if depth > 1 and nodes**depth > _MAX_TRELLIS:
             break
-        walk = follow_trellis(problem, depth, np.zeros(len(problem.options.limits)))
-        if walk is not None and (best is None or walk.value < best.value):
-            best = walk
+        for price in prices:
+            walk = follow_trellis(problem, depth, price)
+            if walk is not None and (best is None or walk.value < best.value):
+                best = walk
     return best
+
+
+def trellis_prices(problem: PosteriorProblem) -> list[np.ndarray]:
+    """Return the prices (R,) that partial schedules are compared with."""
+    limits = problem.options.limits
+    if not len(limits):
+        return [np.zeros(0)]
+    layers = first_layers(problem)
+    if problem.is_worst:
+        level = float(np.median(np.concatenate([layer.cost for layer in layers])))
+        unit = np.full(len(limits), level) / np.maximum(limits, problem.options.usage.max(initial=1e-9, axis=(1, 2)))
+    else:
+        unit = best_prices(problem, layers)
+    return [factor * unit for factor in (_PRICE_FACTORS if unit.any() else (0.0,))]

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
-from obsdesign.selection.posterior.windows import WindowLayer, first_layers, minima_after, minima_to
+from obsdesign.selection.posterior.resource_prices import best_prices, threshold
+from obsdesign.selection.posterior.windows import WindowLayer, cheapest_chain, first_layers, minima_after, minima_to
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +38,8 @@ class Proof:
 class Chain:
     """Layers of windows, and what chains through each of them take at least; see `windows`.
 
-    cost_to (W,), cost_after (W,): the objective with prices (R,) for the resources, to each window and after it; amounts_to,
-    amounts_after (R + 1, W): what switching costs, and usage, each for itself.
+    cost_to (M, W), cost_after (M, W): the objective with each of M prices (M, R) for the resources, to each window and after it;
+    amounts_to, amounts_after (R + 1, W): what switching costs, and usage, each for itself.
     """
 
     problem: PosteriorProblem
@@ -57,39 +58,38 @@ class Chain:
     def through_pairs(self, k: int, before: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Return what every schedule through windows (B,) of layer k - 1 and windows (B,) of layer k costs at least."""
         layer = self.layers[k]
-        own = self.problem.combine(priced_cost(self.problem, layer.only(window), self.prices), self.cost_after[k][window])
+        own = self.problem.combine(priced_cost(self.problem, layer.only(window), self.prices), self.cost_after[k][:, window])
         amounts = self.amounts_to[k - 1][:, before] + layer.amounts[:, window] + self.amounts_after[k][:, window]
-        return self._total(self.problem.combine(self.cost_to[k - 1][before], own), amounts)
+        return self._total(self.problem.combine(self.cost_to[k - 1][:, before], own), amounts)
 
     def _total(self, cost: np.ndarray, amounts: np.ndarray) -> np.ndarray:
         limits = self.problem.options.limits
-        total = cost - self.prices @ limits + (amounts[0] if self.problem.is_worst else 0.0)
+        total = (cost - (self.prices @ limits)[:, None]).max(axis=0) + (amounts[0] if self.problem.is_worst else 0.0)
         return np.where((amounts[1:] <= limits[:, None]).all(axis=0), total, np.inf)
 
     @property
     def bound(self) -> float:
         """What no schedule is below: every one goes through a window of each layer."""
-        return max(float(self.through(k).min(initial=np.inf)) for k in range(len(self.layers)))
+        least = max(float(self.through(k).min(initial=np.inf)) for k in range(len(self.layers)))
+        return max(least, threshold(self.problem, self.layers)) if self.problem.is_worst and self.prices.size else least
 
-    def cheapest(self) -> np.ndarray:
-        """Return the nodes (K,) of a cheapest chain."""
-        index = int(self.through(len(self.layers) - 1).argmin())
-        nodes = np.empty(len(self.layers), dtype=int)
-        for k in range(len(self.layers) - 1, 0, -1):
-            nodes[k] = self.layers[k].node[index]
-            matching = np.flatnonzero(self.layers[k - 1].tail == self.layers[k].head[index])
-            index = int(matching[self.cost_to[k - 1][matching].argmin()])
-        nodes[0] = self.layers[0].node[index]
-        return nodes
+    def cheapest(self) -> list[np.ndarray]:
+        """Return the nodes (K,) of a cheapest chain at each of the prices."""
+        is_open = np.isfinite(self.through(len(self.layers) - 1))
+        lasts = [int(np.where(is_open, totals, np.inf).argmin()) for totals in self.cost_to[-1]]
+        chains = [cheapest_chain(self.layers, [totals[m] for totals in self.cost_to], last) for m, last in enumerate(lasts)]
+        return [np.array([layer.node[w] for layer, w in zip(self.layers, windows, strict=True)]) for windows in chains]
 
 
 def priced_cost(problem: PosteriorProblem, layer: WindowLayer, prices: np.ndarray) -> np.ndarray:
-    """Return what windows (W,) add to the objective: their cost, and where costs are sums what switching costs and prices of resources."""
-    return layer.cost if problem.is_worst else layer.cost + layer.amounts[0] + prices @ layer.amounts[1:]
+    """Return what windows add to the objective at each of the prices (M, W): cost, and where costs are sums switching and usage."""
+    if problem.is_worst:
+        return np.repeat(layer.cost[None], len(prices), axis=0)
+    return layer.cost + layer.amounts[0] + prices @ layer.amounts[1:]
 
 
 def build_chain(problem: PosteriorProblem, layers: list[WindowLayer], prices: np.ndarray) -> Chain:
-    """Return the chain of layers."""
+    """Return the chain of layers with prices (M, R)."""
     costs, amounts = [priced_cost(problem, layer, prices) for layer in layers], [layer.amounts for layer in layers]
     neutral = -np.inf if problem.is_worst else 0.0
     return Chain(
@@ -111,10 +111,12 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
     layers, bound, depth = first_layers(problem), -np.inf, 2
     simulated = count_windows(layers)
     while True:
-        chain = build_chain(problem, layers, best_prices(problem, layers))
-        walk = better_walk(problem, walk, chain.cheapest()) if np.isfinite(chain.bound) else walk
-        bound = max(bound, min(chain.bound, walk.value - gap))
-        if chain.bound >= walk.value - gap or depth >= problem.segments:
+        chain = build_chain(problem, layers, prices_tried(problem, layers))
+        chain_bound = chain.bound
+        for nodes in chain.cheapest() if np.isfinite(chain_bound) else ():
+            walk = better_walk(problem, walk, nodes)
+        bound = max(bound, min(chain_bound, walk.value - gap))
+        if chain_bound >= walk.value - gap or depth >= problem.segments:
             return Proof(walk, bound, depth, simulated)
         chain = prune(chain, walk.value - gap)
         pairs = [open_pairs(chain, k, walk.value - gap) for k in range(1, problem.segments)]
@@ -184,6 +186,6 @@ def extend_windows(chain: Chain, pairs: list[tuple[np.ndarray, np.ndarray]]) -> 
     return longer
 
 
-def best_prices(problem: PosteriorProblem, layers: list[WindowLayer]) -> np.ndarray:
-    """Return prices (R,) of the resources with which the chain bounds from highest; 0 where the largest cost counts."""
-    return np.zeros(len(problem.options.limits))
+def prices_tried(problem: PosteriorProblem, layers: list[WindowLayer]) -> np.ndarray:
+    """Return prices (M, R): none, with which windows as long as the run are exact, and the best ones where these differ."""
+    return np.unique([np.zeros(len(problem.options.limits)), best_prices(problem, layers)], axis=0)

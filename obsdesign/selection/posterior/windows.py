@@ -116,3 +116,13 @@ def minima_after(layers: list[WindowLayer], values: list[np.ndarray], combine: C
         through = combine(values[k + 1], totals[-1])
         totals.append(smallest_by_key(through, following.head, layer.n_tails)[..., layer.tail])
     return totals[::-1]
+
+
+def cheapest_chain(layers: list[WindowLayer], totals: list[np.ndarray], last: int) -> np.ndarray:
+    """Return the windows (K,) of a cheapest chain that ends with a window of the last layer; totals (W,) are `minima_to`."""
+    windows = np.empty(len(layers), dtype=int)
+    windows[-1] = last
+    for k in range(len(layers) - 1, 0, -1):
+        matching = np.flatnonzero(layers[k - 1].tail == layers[k].head[windows[k]])
+        windows[k - 1] = matching[totals[k - 1][matching].argmin()]
+    return windows
