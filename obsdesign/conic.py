@@ -17,11 +17,15 @@ _ACCEPTED_STATUSES = ("Solved", "AlmostSolved")
 
 @dataclass(frozen=True)
 class ConicSettings:
-    """Relative and absolute tolerance, iterations at most; with_presolve: whether rows are looked through and cones taken apart first."""
+    """Relative and absolute tolerance, iterations at most.
+
+    with_presolve: whether rows are looked through and cones taken apart first; with_equilibration: whether rows and columns are scaled.
+    """
 
     tolerance: float
     max_iterations: int
     with_presolve: bool = True
+    with_equilibration: bool = True
 
 
 def solve_conic_program(
@@ -49,6 +53,7 @@ def _clarabel_settings(settings: ConicSettings) -> Any:  # noqa: ANN401
     chosen.max_iter = settings.max_iterations
     chosen.tol_gap_abs = chosen.tol_gap_rel = chosen.tol_feas = settings.tolerance
     chosen.presolve_enable = chosen.chordal_decomposition_enable = settings.with_presolve
+    chosen.equilibrate_enable = settings.with_equilibration
     return chosen
 
 

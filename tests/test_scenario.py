@@ -150,6 +150,42 @@ BAD_INPUT = {
         'criterion = "posterior"\nrobust = { samples = 4 }',
         ["design.robust", "posterior"],
     ),
+    "posterior judged by no criterion": (
+        'criterion = "min_eigenvalue"',
+        'criterion = "posterior"\nposterior_criterion = "trace_invers"',
+        ["design.posterior_criterion", "'trace_invers'", "did you mean 'trace_inverse'"],
+    ),
+    "posterior of a posterior": (
+        'criterion = "min_eigenvalue"',
+        'criterion = "posterior"\nposterior_criterion = "posterior"',
+        ["design.posterior_criterion", "log_det, min_eigenvalue, trace_inverse"],
+    ),
+    "instants of another criterion": (*design('over = "mean"'), ["design.over", "posterior", "min_eigenvalue"]),
+    "posterior over an unknown word": (
+        'criterion = "min_eigenvalue"',
+        'criterion = "posterior"\nover = "median"',
+        ["design.over", "'median'", "'end', 'mean' or 'worst'"],
+    ),
+    "too few weights of instants": (
+        'criterion = "min_eigenvalue"',
+        'criterion = "posterior"\nover = [1.0, 2.0]',
+        ["design.over", "has 2 weights", "must be 120"],
+    ),
+    "a negative weight of an instant": (
+        'criterion = "min_eigenvalue"',
+        f'criterion = "posterior"\nover = {[-1.0] + 119 * [1.0]}',
+        ["design.over[0]", "is -1", "at least 0"],
+    ),
+    "weights of instants that are all 0": (
+        'criterion = "min_eigenvalue"',
+        f'criterion = "posterior"\nover = {120 * [0.0]}',
+        ["design.over", "120 weights, all 0"],
+    ),
+    "weights of instants of a path of any length": (
+        'criterion = "min_eigenvalue"',
+        f'criterion = "posterior"\nover = {120 * [1.0]}\nshortest = 110.0',
+        ["design.over", "shortest"],
+    ),
     "robust without samples": (*table("[design.robust]\nsamples = 0"), ["design.robust.samples", "0", "greater than or equal to 1"]),
     "unknown key of robust": (*table("[design.robust]\nsample = 3"), ["design.robust.sample: unknown key", "did you mean 'samples'"]),
     "worst as a word": (*table('[design.robust]\nworst = "yes"'), ["design.robust.worst", "'yes'", "boolean"]),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -12,14 +12,20 @@ if TYPE_CHECKING:
 
     from obsdesign.prior import Prior
 
+Over: TypeAlias = Literal["end", "mean", "worst"] | tuple[float, ...]
+
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known beside the samples: the prior of x(t_0), psd (n,) or (n, n) of the process noise as tuples, unknown inputs."""
+    """What is known beside the samples: the prior of x(t_0), psd (n,) or (n, n) of the process noise as tuples, unknown inputs.
+
+    over: at which instants it is asked what the samples have added, as in `Posterior`; it is no part of what is known.
+    """
 
     prior: Prior
     disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | None
     unknown_inputs: tuple[str, ...]
+    over: Over = field(default="end", compare=False)
 
 
 class AbstractCriterion(ABC):
@@ -38,7 +44,7 @@ class AbstractCriterion(ABC):
     @property
     @abstractmethod
     def knowledge(self) -> Knowledge | None:
-        """What a design takes for W: None = the samples' information about x(t_0), else the posterior's about x(t_N-1)."""
+        """What a design takes for W: None = the samples' information about x(t_0), else the posterior's about x(t_k)."""
 
     @abstractmethod
     def value(self, W: np.ndarray) -> float:

@@ -1,16 +1,18 @@
-"""What a filter can know after the last samples."""
+"""What a filter can know along a path, or after the last samples."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array
 from obsdesign.criteria.abstract import AbstractCriterion, Knowledge
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.errors import InputError
 from obsdesign.prior import Prior
 
 if TYPE_CHECKING:
@@ -20,12 +22,22 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True)
 class Posterior(AbstractCriterion):
-    """Another criterion, of what is known at the end of the path instead of at its start.
+    """Another criterion, of what is known of the state on the way or at the end of the path instead of at its start.
 
-    It judges J, the posterior information about x(t_N-1) after its samples, that `posterior_information` returns, in the place of W about
-    x(t_0). Not about x(t_N): an unknown input has by then moved the state anywhere. It is not additive over sensors and steps: no
-    schedule is optimal for it. With unknown inputs, sensors should have samples at t_N-1: along what only earlier samples show, nothing
-    is known any more. Source of J: Tichavsky, Muravchik, Nehorai (1998).
+    It judges J_k, the posterior information about x(t_k) after its samples, k = 0..N-1, that `posterior_information` returns, in the place
+    of W about x(t_0). Not about x(t_N): an unknown input has by then moved the state anywhere. With P_k = S^-1 J_k^-1 S^-1 of the states
+    that are judged, in units S, an instant costs
+
+        c_k = tr P_k (`TraceInverse`),  lambda_max(P_k) (`MinEigenvalue`)  or  log det P_k (`LogDet`)
+
+    and the path C = c_N-1 (over "end"), the mean of all c_k ("mean"), the largest ("worst") or sum_k w_k c_k (weights w). The value, larger
+    is better, is -C, or 1 / C of `MinEigenvalue`: what criterion(S J S) would be if it were the same all the way at this cost. So the
+    mean of a smallest eigenvalue is the harmonic one: the variance of the direction known least is averaged, not the information,
+    and the best path is that of the least C, whichever criterion. (Any other criterion: the same of its numbers.)
+
+    "worst" is often the first instant, before there was time to learn: no path changes that one; weights leave it out. The cost is
+    infinite where nothing is known of some direction: with unknown inputs, at instants without samples that show them.
+    Not additive over sensors and steps: `select_sensors` does not know of it. Source of J: Tichavsky, Muravchik, Nehorai (1998).
     """
 
     prior: Prior
@@ -36,17 +48,23 @@ class Posterior(AbstractCriterion):
     """Names of the inputs of which nothing is known."""
     criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
     """What is asked of J (n, n), scaled as W is."""
+    over: Literal["end", "mean", "worst"] | tuple[float, ...] = "end"
+    """Of which instants: the last, the mean of all costs, the largest, or their sum with weights (N,) >= 0, one for each step."""
 
     def __post_init__(self) -> None:
         if self.disturbance_psd is not None:
             psd = as_array("posterior: disturbance_psd", self.disturbance_psd).tolist()
             object.__setattr__(self, "disturbance_psd", tuple(tuple(row) if isinstance(row, list) else row for row in psd))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
+        if isinstance(self.over, (tuple, list, np.ndarray)):
+            object.__setattr__(self, "over", _as_weights(self.over))
 
     @property
     def label(self) -> str:
-        """posterior."""
-        return "posterior"
+        """posterior, after which of the instants it is of where that is not the last: mean, worst, weighted."""
+        if self.over == "end":
+            return "posterior"
+        return f"{self.over if isinstance(self.over, str) else 'weighted'} posterior"
 
     @property
     def symbol(self) -> str:
@@ -55,8 +73,8 @@ class Posterior(AbstractCriterion):
 
     @property
     def knowledge(self) -> Knowledge:
-        """What makes J of the samples: the prior, the process noise, the unknown inputs."""
-        return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs)
+        """What makes J of the samples: the prior, the process noise, the unknown inputs; and when J is judged."""
+        return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs, self.over)
 
     def value(self, W: np.ndarray) -> float:
         """Return criterion(J)."""
@@ -101,3 +119,16 @@ class Posterior(AbstractCriterion):
     def atom(self, W: cp.Expression) -> cp.Expression:
         """Return the criterion's expression of J."""
         return self.criterion.atom(W)
+
+
+def _as_weights(over: ArrayLike) -> tuple[float, ...]:
+    """Weights of instants as a tuple; raise InputError unless finite, >= 0 and not all 0."""
+    weights = as_array("posterior: over", over)
+    if weights.ndim != 1 or not weights.size:
+        raise InputError(f"posterior: over has shape {weights.shape}: must be end, mean, worst or weights (N,), one for each step")
+    wrong = np.flatnonzero(~(np.isfinite(weights) & (weights >= 0)))
+    if wrong.size:
+        raise InputError(f"posterior: over[{wrong[0]}] is {weights[wrong[0]]:g}: must be finite and at least 0")
+    if not weights.any():
+        raise InputError(f"posterior: over has {weights.size} weights, all 0: one at least must be above 0")
+    return tuple(weights.tolist())

@@ -14,6 +14,7 @@ from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locall
 from obsdesign.design.nlp.criterion_objective import CriterionObjective
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Cap, Design, Optimum, Robustness, Start
+from obsdesign.design.sqp.combination import Smallest
 from obsdesign.design.upper_bound import cap_of
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.status import Status
@@ -82,7 +83,7 @@ def _log_det(problem: DesignProblem, path: Trajectory) -> float:
 
 def _break_tie(problem: DesignProblem, attempt: _Attempt, cap: Cap) -> _Attempt:
     """Among the paths that reach the cap, on which it does not determine one, climb to the largest log det."""
-    objective = CriterionObjective(LogDet(), problem.about_indices, worst_case=True)
+    objective = CriterionObjective(LogDet(), problem.about_indices, Smallest())
     local_solve = LocalSolve(
         problem, attempt.start.name, attempt.solution.u, (problem.path,), True, objective, cap.value * (1 - 0.9 * _AGREEMENT)
     )

@@ -8,7 +8,8 @@ import numpy as np
 
 from obsdesign.costs._price_budget import Price
 from obsdesign.criteria._factor import schur_complement
-from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.criteria.abstract import AbstractCriterion, Knowledge
+from obsdesign.design.instants import instants_of
 from obsdesign.design.path_costs import total_costs
 from obsdesign.design.robust import Robust
 from obsdesign.dynamics.model import AbstractSystem
@@ -57,21 +58,31 @@ class PathObjective:
     # ---------------------------------------------------------------- of paths
 
     def information_matrix(self, path: Trajectory) -> np.ndarray:
-        """Return the matrix (n, n) that the criterion judges of a path: W about x(t_0), or J after the last samples."""
+        """Return the matrix (n, n) that the criterion judges of a path: W about x(t_0), or J after the last samples.
+
+        Of a posterior over several instants it is the last that is judged, if any.
+        """
         knowledge = self.criterion.knowledge
         if knowledge is None:
             W = path_information(self.system, path, self.weights)
             residues = self.weights is None and may_be_singular(self.scaled(W))
             return variational_gramian(self.system, path).visibility.information if residues else W
-        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs)[-2]
+        return self._posterior(path, knowledge)[-2]
+
+    def _posterior(self, path: Trajectory, knowledge: Knowledge) -> np.ndarray:
+        """J (N+1, n, n) about x(t_k)."""
+        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs)
 
     def matrix(self, path: Trajectory) -> np.ndarray:
         """S (W + known) S (n, n) of a path."""
         return self.criterion_matrix(self.information_matrix(path))
 
     def value(self, path: Trajectory) -> float:
-        """criterion(S (W + known) S) of a path; prices are not in it."""
-        return self.criterion_value(self.information_matrix(path))
+        """criterion(S (W + known) S) of a path, or what its numbers at several instants make; prices are not in it."""
+        instants, knowledge = instants_of(self.criterion, path.steps), self.criterion.knowledge
+        if instants is None or knowledge is None:
+            return self.criterion_value(self.information_matrix(path))
+        return instants.combination.total(np.array([self.criterion_value(J) for J in self._posterior(path, knowledge)[instants.steps]]))
 
     def values(self, starts: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Return the value (R,) of the path from each of the starts (R, n), with inputs u (N, m), or (R, N, m) for each its own.

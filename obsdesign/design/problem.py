@@ -25,6 +25,7 @@ from obsdesign.design.problem_checks import (
     require_inputs,
     require_known_information,
     require_one_knowledge,
+    require_posterior,
     require_start,
     require_states,
     require_times,
@@ -125,6 +126,7 @@ class DesignProblem(AbstractDisplay):
         require_states(model.state_names, self.about)
         require_known_information(np.asarray(self.known), len(model.states))
         require_one_knowledge(model.state_names, knowledge, self.robust, self.floor)
+        require_posterior(knowledge, np.asarray(self.known), durations)
         require_weights(None if self.weights is None else np.asarray(self.weights), model, durations, knowledge, self.robust)
         self.path.box(self.grid)
         require_start(model, self.x0, self.constraints)

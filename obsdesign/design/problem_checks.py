@@ -92,6 +92,19 @@ def require_one_knowledge(names: Sequence[str], knowledge: Knowledge | None, rob
         raise InputError("floor: a posterior criterion has no windows; use another criterion")
 
 
+def require_posterior(knowledge: Knowledge | None, known: np.ndarray, durations: Durations) -> None:
+    """Raise InputError for what is known beside a posterior's prior, and for weights of instants that are not one for each step."""
+    if knowledge is not None and known.any():
+        raise InputError("known: a posterior criterion has a prior of its own, to which what is known of x(t_0) belongs")
+    if knowledge is None or isinstance(knowledge.over, str):
+        return
+    steps, count = round(durations.longest / durations.step), len(knowledge.over)
+    if durations.shortest != durations.longest:
+        raise InputError(f"criterion: over has weights: they need one duration, not ({durations.shortest:g}, {durations.longest:g})")
+    if count != steps:
+        raise InputError(f"criterion: over has {count} weights: must be {steps}, one for each step of the path")
+
+
 def require_known_information(information: np.ndarray, n: int) -> None:
     """Raise InputError for what is no information (n, n): symmetric, positive semidefinite, finite."""
     fits = information.shape == (n, n) and bool(np.isfinite(information).all())

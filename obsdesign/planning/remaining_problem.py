@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from obsdesign.checks import as_array
 from obsdesign.constraints.abstract import Span
 from obsdesign.costs._price_budget import Budget
+from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.posterior import Posterior
 from obsdesign.design.checked_path import CheckedPath
 from obsdesign.design.feasibility import MARGIN_TOLERANCE, LeastMargin, fine_path
@@ -95,7 +96,7 @@ class MovingHorizon:
             constraints=constraints,
             budgets=self._budgets(memory),
             floor=None if floor is not None and round(floor.seconds / problem.step) > steps else floor,
-            **_prior_changes(problem, x, prior),
+            **_prior_changes(problem, _criterion_ahead(problem.criterion, steps), x, prior),
         )
         return RemainingProblem(remaining, family, memory, path, margins, broken)
 
@@ -174,15 +175,23 @@ class MovingHorizon:
         return frozenset(met), tuple(total_spent.tolist())
 
 
-def _prior_changes(problem: DesignProblem, x: np.ndarray, prior: Prior | ArrayLike | None) -> dict[str, Any]:
-    """Return what of a problem is different with a prior of x (n,): `known`, or the priors of criterion and draws."""
-    robust, changes = problem.robust, {}
+def _criterion_ahead(criterion: AbstractCriterion, steps: int) -> AbstractCriterion:
+    """Return the criterion of the last so many steps: weights of instants are theirs, the end alone where these are all 0."""
+    if not isinstance(criterion, Posterior) or isinstance(criterion.over, str) or len(criterion.over) == steps:
+        return criterion
+    weights = criterion.over[-steps:]
+    return replace(criterion, over=weights if any(weights) else "end")
+
+
+def _prior_changes(problem: DesignProblem, criterion: AbstractCriterion, x: np.ndarray, prior: Prior | ArrayLike | None) -> dict[str, Any]:
+    """Return what of a problem is different with a criterion and a prior of x (n,): `known`, or the priors of criterion and draws."""
+    robust, changes = problem.robust, dict[str, Any](criterion=criterion)
     information = prior.information if isinstance(prior, Prior) else None if prior is None else as_array("prior", prior)
     if robust is not None:
         covariance = robust.prior.covariance if information is None else _covariance_of(information)
         changes["robust"] = replace(robust, prior=Prior(x, covariance=covariance))
-    if information is not None and isinstance(problem.criterion, Posterior):
-        changes["criterion"] = replace(problem.criterion, prior=Prior(x, covariance=_covariance_of(information)))
+    if information is not None and isinstance(criterion, Posterior):
+        changes["criterion"] = replace(criterion, prior=Prior(x, covariance=_covariance_of(information)))
     elif information is not None:
         changes["known"] = information
     return changes

@@ -16,7 +16,7 @@ from obsdesign.scenario.problem_text import Location, Problem, message_for_unkno
 from obsdesign.scenario.rule_problems import find_rule_problems
 from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE, Leg, Scenario
 
-_OF_GIVEN_PATHS = ("criterion", "about", "suites", "constraints")  # keys of [design] that hold for them too
+_OF_GIVEN_PATHS = ("criterion", "posterior_criterion", "over", "about", "suites", "constraints")  # keys of [design] that hold for them too
 _MAX_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory
 _TOLERANCE = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
@@ -107,7 +107,7 @@ def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[
 def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
     settings, sensors = scenario.selection, len(scenario.sensors)
     per_segment, naive = settings.per_segment, settings.naive
-    criteria = [kind for kind in kinds(obsdesign.criteria) if kind != "posterior"]  # which is no sum over sensors
+    criteria = _criteria_of_matrices()  # a posterior is no sum over sensors
     if settings.criterion not in criteria:
         yield Problem(("selection", "criterion"), message_for_unknown_name(settings.criterion, criteria))
     if settings.robust_to >= sensors:
@@ -118,8 +118,14 @@ def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("selection", "naive"), f"is {', '.join(naive)}: must be at most per_segment sensors, {per_segment}")
 
 
+def _criteria_of_matrices() -> list[str]:
+    """Kinds of criteria that judge a matrix by itself."""
+    return [kind for kind in kinds(obsdesign.criteria) if kind != "posterior"]
+
+
 def _criterion_problems(scenario: Scenario) -> Iterator[Problem]:
     design = scenario.design
+    yield from _posterior_problems(scenario)
     if design.criterion == "posterior":
         reasons = {"robust": "has a prior of its own", "floor": "has no windows"}
         wrong = [key for key in reasons if getattr(design, key) is not None]
@@ -127,6 +133,28 @@ def _criterion_problems(scenario: Scenario) -> Iterator[Problem]:
     if design.evidence and (design.criterion != "min_eigenvalue" or design.prices or design.robust):
         message = f"is {design.evidence}: must be 0 unless the criterion is min_eigenvalue, without prices and robust"
         yield Problem(("design", "evidence"), message)
+
+
+def _posterior_problems(scenario: Scenario) -> Iterator[Problem]:
+    """What says how a posterior is judged, and when."""
+    design = scenario.design
+    if design.posterior_criterion not in _criteria_of_matrices():
+        yield Problem(("design", "posterior_criterion"), message_for_unknown_name(design.posterior_criterion, _criteria_of_matrices()))
+    if design.criterion != "posterior":
+        unused = [key for key in ("posterior_criterion", "over") if key in design.model_fields_set]
+        yield from (Problem(("design", key), f"needs the criterion posterior: it is {design.criterion}") for key in unused)
+    if isinstance(design.over, str):
+        return
+    location = ("design", "over")
+    for i, weight in enumerate(design.over):
+        if weight < 0:
+            yield Problem((*location, i), f"is {weight:g}: must be at least 0")
+    if not any(design.over):
+        yield Problem(location, f"has {len(design.over)} weights, all 0: one at least must be above 0")
+    if design.shortest is not None:
+        yield Problem(location, "has weights, one for each step: they do not go with shortest")
+    elif len(design.over) != scenario.steps:
+        yield Problem(location, f"has {len(design.over)} weights: must be {scenario.steps}, one for each step of the path")
 
 
 def _path_source_problems(scenario: Scenario) -> Iterator[Problem]:

@@ -10,7 +10,7 @@ from typing import Any
 from obsdesign.scenario.degrees import SUFFIX
 from obsdesign.scenario.kind_tables import COST
 
-_TABLE = "dict["
+_TABLE, _WORD, _ARRAY = "dict[", "literal[", "tuple["  # how pydantic names types that a value may be
 Location = tuple[str | int, ...]
 # (location of a table) -> the keys it accepts, or nothing where any are
 AcceptedKeys = Callable[[Location], Sequence[str]]
@@ -56,11 +56,14 @@ def describe_error(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) 
 
 
 def of_another_type(error: Mapping[str, Any], data: Any) -> bool:  # noqa: ANN401
-    """Whether an error of a value that may be a number or a table is about the one that was not given."""
+    """Whether an error of a value that may be a number or a table, or a word or an array, is about the one that was not given."""
     location = error["loc"]
     for index, part in enumerate(location):
         if _is_type(part):
-            return isinstance(_at(data, in_file(location[:index], data)), Mapping) != str(part).startswith(_TABLE)
+            value, name = _at(data, in_file(location[:index], data)), str(part)
+            if name.startswith((_WORD, _ARRAY)):
+                return isinstance(value, list) != name.startswith(_ARRAY)
+            return isinstance(value, Mapping) != name.startswith(_TABLE)
     return False
 
 
@@ -93,8 +96,8 @@ def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
 
 
 def _is_type(part: str | int) -> bool:
-    """Whether a part of a location is one of the types of a number that may be a table: no key, but pydantic's name of it."""
-    return isinstance(part, str) and (part == "float" or part.startswith(_TABLE))
+    """Whether a part of a location is one of the types that a value may have: no key, but pydantic's name of it."""
+    return isinstance(part, str) and (part == "float" or part.startswith((_TABLE, _WORD, _ARRAY)))
 
 
 def _at(data: Any, location: Location) -> Any:  # noqa: ANN401

@@ -110,6 +110,13 @@ class DesignTable(_ScenarioTable):
     bounds: dict[str, tuple[float, float]] = {}
     rates: dict[str, Positive] = Field(default={}, description="largest change per second of an input")
     criterion: str = "min_eigenvalue"
+    posterior_criterion: str = Field(
+        default="min_eigenvalue", description="what a posterior is judged by: min_eigenvalue, log_det or trace_inverse"
+    )
+    over: Literal["end", "mean", "worst"] | tuple[float, ...] = Field(
+        default="end",
+        description="when a posterior is judged: at the end, by the mean or the worst of all instants, or by weights, one for each step",
+    )
     about: tuple[str, ...] = Field(default=(), description="the states that are judged while the others are found as well; default: all")
     starts: int = Field(default=8, ge=1)
     evidence: int = Field(default=0, ge=0, description="climbs that ask how much better another path might be")
@@ -232,8 +239,11 @@ class Scenario(_ScenarioTable):
     @property
     def criterion(self) -> AbstractCriterion:
         """What the design is judged by; the posterior with the scenario's own prior and process noise."""
-        kind = leaf(obsdesign.criteria, self.design.criterion)
-        return kind(self.prior_at_start, self.disturbance_psd) if self.design.criterion == "posterior" else kind()
+        kind, design = leaf(obsdesign.criteria, self.design.criterion), self.design
+        if design.criterion != "posterior":
+            return kind()
+        judged_by = leaf(obsdesign.criteria, design.posterior_criterion)()
+        return kind(self.prior_at_start, self.disturbance_psd, criterion=judged_by, over=design.over)
 
     @property
     def prior_at_start(self) -> Prior:

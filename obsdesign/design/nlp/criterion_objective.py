@@ -8,7 +8,9 @@ import numpy as np
 
 from obsdesign.criteria._factor import elimination_matrix, schur_complement
 from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.design.instants import instants_of
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.sqp.combination import AbstractCombination, Mean, Smallest
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective
 
 _UNIT_SHARE = 1e-2  # share of the mean eigenvalue that counts as one unit where the smallest is next to nothing
@@ -16,11 +18,11 @@ _UNIT_SHARE = 1e-2  # share of the mean eigenvalue that counts as one unit where
 
 @dataclass(frozen=True, eq=False)
 class CriterionObjective(AbstractMatrixObjective):
-    """A criterion of the states that are judged (indices)."""
+    """A criterion of the states that are judged (indices), of several matrices combined."""
 
     criterion: AbstractCriterion
     state_indices: np.ndarray
-    worst_case: bool
+    matrix_combination: AbstractCombination
 
     @property
     def is_cone(self) -> bool:
@@ -28,9 +30,9 @@ class CriterionObjective(AbstractMatrixObjective):
         return self.criterion.is_smallest_eigenvalue
 
     @property
-    def is_worst_case(self) -> bool:
-        """Whether the worst of several draws counts, not their mean."""
-        return self.worst_case
+    def combination(self) -> AbstractCombination:
+        """How draws, or instants, make one number."""
+        return self.matrix_combination
 
     def cone_matrix(self, n: int) -> np.ndarray:
         """Return E = diag(1 for the states that are judged, 0 for the others)."""
@@ -78,5 +80,7 @@ class CriterionObjective(AbstractMatrixObjective):
 
 
 def matrix_objective_of(problem: DesignProblem) -> CriterionObjective:
-    """Return what a problem maximises."""
-    return CriterionObjective(problem.criterion, problem.about_indices, problem.robust is None or problem.robust.worst)
+    """Return what a problem maximises: of one path at one instant or several, or of several draws."""
+    instants = instants_of(problem.criterion, problem.steps)
+    of_draws = Smallest() if problem.robust is None or problem.robust.worst else Mean()
+    return CriterionObjective(problem.criterion, problem.about_indices, of_draws if instants is None else instants.combination)

@@ -26,7 +26,7 @@ class InformationRecursion:
     """z_0 = (x_0, start), z_k+1 = z_next(z_k, u_k), judged matrix = sum of gain(z_k), packed; due: weights of the step's parts.
 
     z (c, 1), its first n entries the state; u (m, 1); due (s, 1): for a Gramian 1 for each sensor with a sample at that step, for
-    a posterior the same followed by 1 at the last step, where its matrix is read.
+    a posterior the same followed by 1 at the steps at which its matrix is read, the last alone or several.
     """
 
     z: ca.SX
@@ -74,7 +74,7 @@ def state_recursion(model: Model, step: float, substeps: int = 1) -> Information
 def posterior_recursion(model: Model, step: float, knowledge: Knowledge, substeps: int = 1) -> InformationRecursion:
     """Carry J, packed, before the samples of t_k: J+ = M - M B (B'M B + Q^-1)^-1 B'M with M = F^-T (J + C'R^-1 C) F^-1.
 
-    The last gain is J + C'R^-1 C of t_N-1. In plain arithmetic, smooth, for the solver; values are recomputed with square roots.
+    The gain, where it is read, is J + C'R^-1 C of t_k. In plain arithmetic, smooth, for the solver; values are recomputed with roots.
     With errors that last, J is about the constant ones (c of them) and the state, and `ErrorDistribution` are carried along.
     """
     dynamics, nuisance = step_of(model, step, substeps).without_disturbance(), nuisance_of(model, step)

@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
+from obsdesign.design.instants import Instants, instants_of
 from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, Derivatives, Evaluation
 from obsdesign.design.nlp.information_recursion import gramian_recursion, posterior_recursion, state_recursion
 from obsdesign.design.nlp.input_map import input_map_of
@@ -45,8 +46,9 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         self._variation = (
             _rollout_functions_of(model, pace, knowledge, segments is not None) if self._has_information else _state_rollout_of(model, pace)
         )
+        self._instants = instants_of(problem.criterion, self.steps) if self._has_information else None
         self._due = sampling_mask(problem.system, self.steps, step).astype(float)
-        self._sensors, extra_inputs = self._due.shape[1], _extra_input_rows(model, self._due, knowledge, segments)
+        self._sensors, extra_inputs = self._due.shape[1], _extra_input_rows(model, self._due, (knowledge, self._instants), segments)
         if problem.weights is not None:
             self._due = self.due(np.asarray(problem.weights))
         self._due = np.hstack([self._due, *(extra_inputs if self._has_information else ())])
@@ -88,14 +90,20 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
     def evaluate(self, p: np.ndarray, due: np.ndarray | None = None) -> Evaluation:
         """Return the values at p (q,); due (N, S): what samples count for instead."""
         u = self.inputs(p)
-        rollout, sums = self._variation.roll_out(self._starts, u, self._due if due is None else due)
+        rollout, gains = self._variation.roll_out(self._starts, u, self._due if due is None else due)
         window_rollouts, floors = self._windows(rollout, u)
         rows, price, node, delay = self._node_terms.evaluate(rollout)
         rows = np.concatenate([rows, self._rate_rows(p)[0]])
         matrices = (
-            self.problem.criterion_matrix(unpack(sums[self.judged], self.n)) if self._has_information else np.zeros((1, self.n, self.n))
+            self.problem.criterion_matrix(unpack(self._judged_sums(gains), self.n))
+            if self._has_information
+            else np.zeros((1, self.n, self.n))
         )
         return Evaluation(p, matrices, floors, rows, price, rollout, window_rollouts, node, delay)
+
+    def _judged_sums(self, gains: np.ndarray) -> np.ndarray:
+        """Return the packed matrices (b, .) that are judged: of each draw what all steps gain, or of the path what each instant has."""
+        return gains.sum(axis=1)[self.judged] if self._instants is None else gains[0, self._instants.steps]
 
     def margins(self, evaluation: Evaluation) -> np.ndarray:
         """Return all margins (N+1, r) of the constraints at all nodes."""
@@ -121,7 +129,7 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         linearisation = self._variation.linearise(evaluation.rollout)
         initial = np.zeros((len(self._starts), self._variation.c, self.q))
         G = propagate_sensitivity(linearisation, initial, M)
-        matrices = self._matrix_derivatives(linearisation, G)[self.judged]
+        matrices = self._judged_derivatives(linearisation, G)
         window_sensitivity, floors = self._window_derivatives(evaluation, G, M)
         rows, price = self._node_terms.derivatives(evaluation, G, M)
         rates = self._rate_rows(evaluation.p)[1]
@@ -131,6 +139,13 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         if self._input_map.is_linear:
             return self._input_map.line[1].reshape(self.steps, self.m, self.q)
         return self._input_map.jacobian(p).full().reshape(self.steps, self.m, self.q)
+
+    def _judged_derivatives(self, linearisation: Linearisation, G: np.ndarray) -> np.ndarray:
+        """Derivatives (b, q, n, n) of the matrices that are judged."""
+        if self._instants is None:
+            return self._matrix_derivatives(linearisation, G)[self.judged]
+        k = self._instants.steps
+        return unpack((linearisation.D[0, k] @ G[0, k]).swapaxes(1, 2), self.n) * self._unit_scaling
 
     def _matrix_derivatives(self, linearisation: Linearisation, G: np.ndarray) -> np.ndarray:
         """Derivatives (M, q, n, n) of S W S, W the sum of the gains."""
@@ -146,14 +161,20 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         """Return the Hessian (q, q) of the Lagrangian: price - sum <Z, matrix> - sum <Z, floor> - z'rows, weighted."""
         node_costs = self._node_terms.lagrangian(evaluation, multipliers)
         H, input_gradient = self._window_hessian(evaluation, derivatives, multipliers, node_costs)
-        weights = np.zeros((len(self._starts), self._variation.b))
-        if self._has_information:
-            weights[self.judged] = self._packed_weights(multipliers.matrices)
-        second_derivatives = self._variation.second_derivatives(evaluation.rollout, weights, node_costs)
+        second_derivatives = self._variation.second_derivatives(evaluation.rollout, self._gain_weights(multipliers), node_costs)
         H += _assemble_hessian(second_derivatives.K, second_derivatives.R, derivatives.G[:, :-1], derivatives.M)
         if not self._input_map.is_linear:
             H += self._input_map.hessian(evaluation.p, (second_derivatives.input_gradient.sum(axis=0) + input_gradient).ravel()).full()
         return (H + H.T) / 2
+
+    def _gain_weights(self, multipliers: Multipliers) -> np.ndarray:
+        """What the Lagrangian counts the packed gains for, (M, 1, b) of all steps of each run, or (1, N, b) of each step."""
+        weights = np.zeros((len(self._starts), 1 if self._instants is None else self.steps, self._variation.b))
+        if self._instants is not None:
+            weights[0, self._instants.steps] = self._packed_weights(multipliers.matrices)
+        elif self._has_information:
+            weights[self.judged, 0] = self._packed_weights(multipliers.matrices)
+        return weights
 
     def cross_derivatives(self, evaluation: Evaluation, derivatives: Derivatives, Z: np.ndarray) -> np.ndarray:
         """Return -d2 <Z, S W S> / dp d due (N, S, q) along the path itself, Z (n, n)."""
@@ -194,8 +215,8 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         if self.problem.floor is None:
             return None, np.zeros((0, self.n, self.n))
         starts, steps = rollout.z[0, self._window_starts, : self.n], self._window_steps
-        window_rollouts, sums = self._variation.roll_out(starts, u[steps], self._due[steps])
-        return window_rollouts, unpack(sums, self.n) * self._unit_scaling
+        window_rollouts, gains = self._variation.roll_out(starts, u[steps], self._due[steps])
+        return window_rollouts, unpack(gains.sum(axis=1), self.n) * self._unit_scaling
 
     def _window_derivatives(self, evaluation: Evaluation, G: np.ndarray, M: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
         if evaluation.window_rollouts is None:
@@ -213,7 +234,8 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         input_gradient = np.zeros((self.steps, self.m))
         if evaluation.window_rollouts is None or derivatives.window_sensitivity is None:
             return np.zeros((self.q, self.q)), input_gradient
-        second_derivatives = self._variation.second_derivatives(evaluation.window_rollouts, self._packed_weights(multipliers.floors), None)
+        weights = self._packed_weights(multipliers.floors)[:, None]
+        second_derivatives = self._variation.second_derivatives(evaluation.window_rollouts, weights, None)
         n = self.n
         for i, first in enumerate(self._window_starts):
             node_costs.g[0, first, :n] += second_derivatives.initial_gradient[i, :n]
@@ -232,10 +254,13 @@ def _assemble_hessian(K: np.ndarray, R: np.ndarray, G: np.ndarray, M: np.ndarray
     return Y + Y.T
 
 
-def _extra_input_rows(model: Model, due: np.ndarray, knowledge: Knowledge | None, segments: int | None) -> list[np.ndarray]:
+def _extra_input_rows(
+    model: Model, due: np.ndarray, asked: tuple[Knowledge | None, Instants | None], segments: int | None
+) -> list[np.ndarray]:
     """Return what the recursion is told of each step (N, .) beside how much each sensor's sample counts."""
+    knowledge, instants = asked
     if knowledge is not None:
-        return [(np.arange(len(due)) == len(due) - 1).astype(float)[:, None]]
+        return [np.isin(np.arange(len(due)), len(due) - 1 if instants is None else instants.steps).astype(float)[:, None]]
     colour = colour_of(model)
     if colour is None:
         return []

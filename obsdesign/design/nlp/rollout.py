@@ -70,12 +70,12 @@ class RolloutFunctions:
         self._backward = self._hessian_scan() if self._is_large else self._second_order_scan()
 
     def roll_out(self, starts: np.ndarray, u: np.ndarray, due: np.ndarray) -> tuple[Rollout, np.ndarray]:
-        """Walk from states (M, n) with inputs (N, m) or (M, N, m); return the walk and the sums of the gains (M, b)."""
+        """Walk from states (M, n) with inputs (N, m) or (M, N, m); return the walk and the gains (M, N, b)."""
         runs, steps = len(starts), u.shape[-2]
         initial = np.hstack([starts, np.tile(self._recursion.start, (runs, 1))])
         run = self._forward.run(initial, [u, due], steps)
         z = np.concatenate([initial[:, None], run.carries], axis=1)
-        return Rollout(z, np.broadcast_to(u, (runs, steps, self.m)), due), run.results[0].sum(axis=1)
+        return Rollout(z, np.broadcast_to(u, (runs, steps, self.m)), due), run.results[0]
 
     def linearise(self, rollout: Rollout) -> Linearisation:
         """Return the derivatives of every step."""
@@ -87,14 +87,14 @@ class RolloutFunctions:
         return Linearisation(A.reshape(*shape, self.c, self.c), B.reshape(*shape, self.c, self.m), D.reshape(*shape, self.b, self.c))
 
     def second_derivatives(self, rollout: Rollout, weights: np.ndarray, node_costs: NodeCosts | None) -> SecondDerivatives:
-        """Return second derivatives of sum_k weights' gain_k, weights (M, b), plus what is injected at the nodes."""
+        """Return second derivatives of sum_k weights_k' gain_k, weights (M, N, b) or (M, 1, b), plus what is injected at the nodes."""
         runs, steps, n, v = *rollout.u.shape[:2], self.n, self.n + self.m
         g, H = (np.zeros((runs, steps + 1, v)), np.zeros((runs, steps + 1, v, v))) if node_costs is None else (node_costs.g, node_costs.H)
         rows = [
             rollout.z[:, -2::-1],
             rollout.u[:, ::-1],
             rollout.due[..., ::-1, :],
-            np.repeat(weights[:, None], steps, axis=1),
+            np.ascontiguousarray(np.broadcast_to(weights, (runs, steps, self.b))[:, ::-1]),
             g[:, -2::-1],
         ]
         costate = np.hstack([g[:, -1, :n], np.zeros((runs, self.c - n))])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +11,11 @@ from scipy import sparse
 from obsdesign.conic import ConicSettings, nonnegative_cone, semidefinite_cone, smat, solve_conic_program, svec, upper_triangle
 
 _MAX_ITERATIONS = 60  # of Clarabel: models take 10 to 20, those that are badly scaled more
+_ATTEMPTS = (
+    ConicSettings(0.0, _MAX_ITERATIONS, with_presolve=False),
+    ConicSettings(0.0, _MAX_ITERATIONS),
+    ConicSettings(0.0, _MAX_ITERATIONS, with_equilibration=False),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +64,14 @@ class ConicSolution:
 def minimise(qp: ConicQP, tolerance: float) -> ConicSolution | None:
     """Return the minimiser to a tolerance, or None where the solver gives up.
 
-    First without what Clarabel does for badly scaled problems, which takes half of its time; with it where that fails.
+    First without what Clarabel does for badly scaled problems, which takes half of its time; with it where that fails; and without any
+    scaling where that fails too: with many cones beside bounds that are next to 0 it is the scaling that stops Clarabel at once.
     """
-    quick = _solve(qp, ConicSettings(tolerance, _MAX_ITERATIONS, with_presolve=False))
-    return quick if quick is not None else _solve(qp, ConicSettings(tolerance, _MAX_ITERATIONS))
+    for settings in _ATTEMPTS:
+        solution = _solve(qp, replace(settings, tolerance=tolerance))
+        if solution is not None:
+            return solution
+    return None
 
 
 def _solve(qp: ConicQP, settings: ConicSettings) -> ConicSolution | None:

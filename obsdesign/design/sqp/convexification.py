@@ -18,7 +18,9 @@ def active_normals(
     """Return directions (k, q), in widths of the box, along which a step is settled by what is active: there H need not be convex."""
     normals = [derivatives.rows[multipliers.rows > ACTIVE_MULTIPLIER] * width, np.eye(len(width))[at_bound]]
     if objective.is_cone:
-        normals += [_eigenvalue_difference_slopes(Z, D) * width for Z, D in zip(multipliers.matrices, derivatives.matrices, strict=True)]
+        active = np.trace(multipliers.matrices, axis1=1, axis2=2) > ACTIVE_MULTIPLIER * multipliers.price  # the others are rounding
+        pairs = zip(multipliers.matrices[active], derivatives.matrices[active], strict=True)
+        normals += [_eigenvalue_difference_slopes(Z, D) * width for Z, D in pairs]
     return np.vstack(normals)
 
 

@@ -10,7 +10,11 @@ from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_s
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
 from obsdesign.design.sqp.convexification import ACTIVE_MULTIPLIER, active_normals, convexify
 from obsdesign.design.sqp.evaluation import AbstractDerivatives, Multipliers
-from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective, evaluate_objective, initial_weights
+from obsdesign.design.sqp.matrix_objective import (
+    AbstractMatrixObjective,
+    combination_curvature,
+    initial_weights,
+)
 from obsdesign.design.sqp.merit import Iterate, MeritFunction, MeritScaling, largest_violation
 
 FEASIBILITY_TOLERANCE = 1e-7  # by how much a margin, of order 1, may fall short
@@ -22,8 +26,8 @@ _QP_TOLERANCE = 1e-9  # of Clarabel
 class LocalModel:
     """An iterate with its derivatives, the Hessian H (q, q) of the Lagrangian, and B, what of it is convex.
 
-    epigraph_rows + epigraph_jacobian d - t >= 0: the numbers of several matrices, the least of which counts. negative_curvature (q,):
-    where curvature is most negative, one width of the box long; None where it nowhere is.
+    epigraph_rows + epigraph_jacobian d - t >= 0: the numbers of several matrices, the least of which counts. epigraph_weights: what each t
+    counts. negative_curvature (q,): where curvature is most negative, one width of the box long; None where it nowhere is.
     """
 
     merit_function: MeritFunction
@@ -35,6 +39,7 @@ class LocalModel:
     g: np.ndarray
     epigraph_rows: np.ndarray
     epigraph_jacobian: np.ndarray
+    epigraph_weights: np.ndarray
     negative_curvature: np.ndarray | None
 
 
@@ -68,10 +73,12 @@ def build_model(
         weights = initial_weights(objective, evaluation.matrices)
         objective_jacobian = np.einsum("bij,bqij->bq", objective.gradients(evaluation.matrices), derivatives.matrices) / scaling.unit
         H = H + np.einsum("b,bij->ij", weights, objective.curvatures(evaluation.matrices, derivatives.matrices)) / scaling.unit
-        if objective.is_worst_case and len(evaluation.matrices) > 1:
+        if objective.combination.is_smallest and len(evaluation.matrices) > 1:
             epigraph_rows, epigraph_jacobian = objective.values(evaluation.matrices) / scaling.unit, objective_jacobian
         else:
             g = g - weights @ objective_jacobian
+    curvature = combination_curvature(objective, evaluation.matrices, derivatives.matrices)
+    H = H if curvature is None else H + curvature / scaling.unit
     width = merit_function.width
     B, negative_curvature = convexify(H * np.outer(width, width), active_normals(objective, derivatives, multipliers, at_bound, width))
     negative_curvature = None if negative_curvature is None else negative_curvature * width
@@ -85,6 +92,7 @@ def build_model(
         g,
         epigraph_rows,
         epigraph_jacobian,
+        _epigraph_weights(objective, evaluation.matrices),
         negative_curvature,
     )
 
@@ -145,7 +153,7 @@ def active_set_step(model: LocalModel, solution: ModelSolution, scaling: MeritSc
     system = KKTSystem(
         model.H,
         model.g,
-        _epigraph_weights(model.merit_function.objective, len(evaluation.matrices)),
+        model.epigraph_weights,
         active_cones,
         evaluation.rows[solution.row_indices][active_rows],
         model.derivatives.rows[solution.row_indices][active_rows],
@@ -204,7 +212,7 @@ def _conic_qp(model: LocalModel, base: _BasePoint, rows: np.ndarray, scaling: Me
     return ConicQP(
         model.B,
         model.g,
-        _epigraph_weights(model.merit_function.objective, len(base.matrices)),
+        model.epigraph_weights,
         scaling.penalty,
         np.maximum(program.lower - p, -radius * width),
         np.minimum(program.upper - p, radius * width),
@@ -221,24 +229,26 @@ def _cones(model: LocalModel, base: _BasePoint, scaling: MeritScaling) -> tuple[
     if objective.is_cone:
         E = objective.cone_matrix(n)
         for i, (A, D) in enumerate(zip(base.matrices, model.derivatives.matrices, strict=True)):
-            cones.append(Cone(A / scaling.unit, D / scaling.unit, E, 0 if objective.is_worst_case else i, 0.0))
+            cones.append(Cone(A / scaling.unit, D / scaling.unit, E, 0 if objective.combination.is_smallest else i, 0.0))
     identity = np.eye(n)
     cones += [Cone(F - identity, D, identity, None, 1.0) for F, D in zip(base.floors, model.floor_derivatives, strict=True)]
     return tuple(cones)
 
 
-def _epigraph_weights(objective: AbstractMatrixObjective, count: int) -> np.ndarray:
-    """Weights of the t in the model: one t for the worst of several, one each for a mean, none where the objective has a gradient."""
-    if objective.is_cone and not objective.is_worst_case:
-        return np.full(count, 1 / count)
-    return np.ones(1) if objective.is_cone or (objective.is_worst_case and count > 1) else np.zeros(0)
+def _epigraph_weights(objective: AbstractMatrixObjective, matrices: np.ndarray) -> np.ndarray:
+    """Weights of the t in the model: one t for the worst of several, one each for a sum, none where the objective has a gradient."""
+    is_smallest = objective.combination.is_smallest
+    if objective.is_cone and not is_smallest:
+        return initial_weights(objective, matrices)
+    return np.ones(1) if objective.is_cone or (is_smallest and len(matrices) > 1) else np.zeros(0)
 
 
 def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) -> float:
     """The model's merit after a step, recomputed: what a solver reports is a claim."""
     evaluation, objective = model.iterate.evaluation, model.merit_function.objective
     if objective.is_cone:
-        value = evaluate_objective(objective, evaluation.matrices + np.tensordot(d, model.derivatives.matrices, (0, 1))) / scaling.unit
+        moved = objective.values(evaluation.matrices + np.tensordot(d, model.derivatives.matrices, (0, 1)))
+        value = objective.combination.model_total(objective.values(evaluation.matrices), moved) / scaling.unit
     else:
         value = (
             float((model.epigraph_rows + model.epigraph_jacobian @ d).min())

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.design.sqp.combination import AbstractCombination, Smallest
+
 
 class AbstractMatrixObjective(ABC):
-    """A number of information matrices (b, n, n): the smallest of one number for each, or their mean."""
+    """A number of information matrices (b, n, n): a combination of one number for each."""
 
     @property
     @abstractmethod
@@ -18,8 +20,8 @@ class AbstractMatrixObjective(ABC):
 
     @property
     @abstractmethod
-    def is_worst_case(self) -> bool:
-        """Whether the smallest counts, not the mean."""
+    def combination(self) -> AbstractCombination:
+        """How the numbers of the matrices make the one that is maximised."""
 
     @abstractmethod
     def cone_matrix(self, n: int) -> np.ndarray:
@@ -44,15 +46,21 @@ class AbstractMatrixObjective(ABC):
 
 def evaluate_objective(objective: AbstractMatrixObjective, matrices: np.ndarray) -> float:
     """Return what is maximised, prices apart."""
-    values = objective.values(matrices)
-    return float(values.min() if objective.is_worst_case else values.mean())
+    return objective.combination.total(objective.values(matrices))
 
 
 def initial_weights(objective: AbstractMatrixObjective, matrices: np.ndarray) -> np.ndarray:
-    """Return weights (b,) of the matrices before a solver knows better: all on the worst, or the same on all."""
-    if not objective.is_worst_case:
-        return np.full(len(matrices), 1 / len(matrices))
-    return (np.arange(len(matrices)) == int(objective.values(matrices).argmin())).astype(float)
+    """Return weights (b,) of the matrices before a solver knows better: all on the worst, or the combination's slope."""
+    return objective.combination.slope(objective.values(matrices))
+
+
+def combination_curvature(objective: AbstractMatrixObjective, matrices: np.ndarray, derivatives: np.ndarray) -> np.ndarray | None:
+    """Return what the bending of the combination adds to minus the second derivative (q, q), matrices moving by (b, q, n, n); None: 0."""
+    curvature = objective.combination.curvature(objective.values(matrices))
+    if curvature is None:
+        return None
+    slopes = np.einsum("bij,bqij->bq", objective.gradients(matrices), derivatives)
+    return slopes.T @ curvature @ slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +75,9 @@ class LinearObjective(AbstractMatrixObjective):
         return False
 
     @property
-    def is_worst_case(self) -> bool:
-        """True: the smallest of the numbers."""
-        return True
+    def combination(self) -> Smallest:
+        """The smallest of the numbers."""
+        return Smallest()
 
     def cone_matrix(self, n: int) -> np.ndarray:
         """Return 0: there is no cone."""
