@@ -67,6 +67,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
+    "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},
     "load_scenario": {"file": SCENARIO},
     "run": {"scenario": od.load_scenario(SCENARIO)},
