@@ -16,7 +16,7 @@ from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE, Step, looped_step
-from obsdesign.information.information_update import triangular_factor
+from obsdesign.information.householder import triangular_factor
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
-from obsdesign.information.information_update import Disturbance, InformationRoot, add_disturbance
+from obsdesign.information.information_update import Disturbance, InformationRoot, predict_back
 from obsdesign.information.nuisance_information import samples_given_previous
 from obsdesign.information.sample_information import require_derivatives
 from obsdesign.packing import pack, symmetric
@@ -37,35 +37,54 @@ def rows_of_samples(model: Model, weights: ca.SX) -> ca.SX:
 
 @lru_cache(CACHE_SIZE)
 def _backward_scan(model: Model, step: float, disturbance: Disturbance, substeps: int) -> Scan:
-    """(root of what later samples say about x_k+1, the square of it if all inputs were known) -> the same about x_k.
+    """Root of what later samples say about x_k+1 -> the same about x_k.
 
-    Results: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k); and B'L'L B if all were known.
+    Result: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k).
     """
     step_graph = looped_step(model, step, substeps)
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
-    L, rounding, (known_input_square, square_entries) = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n), symmetric("alone", n)
+    L, rounding = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n)
     B, samples = step_graph.B_w[:, list(disturbance.unknown)], rows_of_samples(model, weights)
-    after_noise = add_disturbance(InformationRoot(L, rounding), step_graph.B_w, Disturbance((), disturbance.noise))
-    after_inputs = add_disturbance(after_noise, step_graph.B_w, Disturbance(disturbance.unknown, ((),) * n))
-    earlier = after_inputs.transform(step_graph.F).with_rows(samples)
-    square = pack(step_graph.F.T @ known_input_square @ step_graph.F + samples.T @ samples)
-    carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding, square)
-    results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(step_graph.F, B))), ca.vec(ca.densify(B.T @ known_input_square @ B))]
-    carry = ca.vertcat(ca.vec(L), rounding, square_entries)
+    after_noise = InformationRoot(L, rounding).add_noise(ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    earlier = predict_back(after_noise, step_graph.F, B).with_rows(samples)
+    results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(step_graph.F, B)))]
+    carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding)
+    carry = ca.vertcat(ca.vec(L), rounding)
     return Scan(carry, [step_graph.x, step_graph.all_inputs, weights], carry_next, results, loop=step_graph.loop)
+
+
+@lru_cache(CACHE_SIZE)
+def _trace_scan(model: Model, step: float, unknown: tuple[int, ...], substeps: int) -> Scan:
+    """What later samples say about x_k+1 if all inputs were known, packed -> the same about x_k; result: the same about w_k."""
+    step_graph, n, weights = looped_step(model, step, substeps), len(model.states), ca.SX.sym("active", len(model.channels))
+    B, samples, (W, entries) = step_graph.B_w[:, list(unknown)], rows_of_samples(model, weights), symmetric("W", n)
+    earlier = pack(step_graph.F.T @ W @ step_graph.F + samples.T @ samples)
+    results = [ca.vec(ca.densify(B.T @ W @ B))]
+    return Scan(entries, [step_graph.x, step_graph.all_inputs, weights], earlier, results, loop=step_graph.loop)
+
+
+def require_trace(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> None:
+    """Raise InputError where the samples do not tell of a constant combination of the unknown inputs, or are not finite."""
+    n, p = path.x.shape[1], len(disturbance.unknown)
+    scan = _trace_scan(system.model, path.step, disturbance.unknown, substeps_along(system, path))
+    rows = [values[::-1] for values in (path.x[:-1], all_inputs_along(system, path), weights)]
+    input_information = scan.run(np.zeros((1, n * (n + 1) // 2)), rows, path.steps, carries=False).results[0][0]
+    if not np.isfinite(input_information).all():
+        require_derivatives(system, path, weights > 0)
+        return  # so much is told that no double holds it
+    _require_trace(system, disturbance, input_information.reshape(-1, p, p).sum(axis=0))
 
 
 def backward_roots(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return (N, n, n + p), roots of what later samples say about (x_k, w_k); raise InputError for inputs that leave no trace."""
     n, p = path.x.shape[1], len(disturbance.unknown)
     scan = _backward_scan(system.model, path.step, disturbance, substeps_along(system, path))
-    start = np.zeros((1, n * n + n + n * (n + 1) // 2))
+    require_trace(system, path, disturbance, weights)
     rows = [values[::-1] for values in (path.x[:-1], all_inputs_along(system, path), weights)]
-    run = scan.run(start, rows, path.steps, carries=False)
-    roots, known_input_information = run.results[0][0, ::-1], run.results[1][0]
+    run = scan.run(np.zeros((1, n * n + n)), rows, path.steps, carries=False)
+    roots = run.results[0][0, ::-1]
     if not np.isfinite(roots).all():
         raise_not_finite(roots, system, path, weights)
-    _require_trace(system, disturbance, known_input_information.reshape(-1, p, p).sum(axis=0))
     return roots.reshape(-1, n + p, n).swapaxes(1, 2)
 
 
@@ -80,13 +99,12 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
     size, weights = a + c + n, ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", size, size), ca.SX.sym("rounding", size)
     B = ca.vertcat(ca.SX(c, step_graph.B_w.shape[1]), step_graph.B_w, ca.SX(a, step_graph.B_w.shape[1]))
-    no_noise = ((0.0,) * disturbance.L.shape[1],)
-    after_noise = add_disturbance(InformationRoot(L, rounding), B, Disturbance((), no_noise * c + disturbance.noise + no_noise * a))
-    after_inputs = add_disturbance(after_noise, B, Disturbance(disturbance.unknown, ((),) * size))
-    F = ca.diagcat(ca.SX.eye(c), step_graph.F, ca.SX.eye(a))
+    noise = np.pad(disturbance.L, ((c, a), (0, 0)))
+    after_noise = InformationRoot(L, rounding).add_noise(ca.sparsify(ca.SX(ca.DM(noise))))
+    F, B = ca.diagcat(ca.SX.eye(c), step_graph.F, ca.SX.eye(a)), B[:, list(disturbance.unknown)]
     rows, transition, error_noise = samples_given_previous(model, nuisance, weights)
-    earlier = after_inputs.transform(F).add_noise(error_noise).transform(transition).with_rows(rows)
-    results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(F, B[:, list(disturbance.unknown)])))]
+    earlier = predict_back(after_noise, F, B).add_noise(error_noise).transform(transition).with_rows(rows)
+    results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(F, B)))]
     return Scan(
         ca.vertcat(ca.vec(L), rounding),
         [step_graph.x, step_graph.all_inputs, weights],

@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from obsdesign.information.householder import triangular_factor
+from obsdesign.information.input_exchange import deflate, exchange_inputs, largest_entry
+
 _EPS = float(np.finfo(float).eps)
-_ROUNDING_MEMORY = 0.1  # how much of the rounding of one step counts in the next: unknown inputs wipe it out as well
-_SIGNIFICANCE = 1e3  # how many times the bound on its rounding a number must have to mean anything
+_RESIDUE = 16 * _EPS  # share of what was added up below which what is left is rounding
+_SIGNIFICANCE = 1e3  # how many times the rounding of one step a number must have for an unknown input to be seen in it
 
 
 @dataclass(frozen=True)
@@ -25,40 +28,9 @@ class Disturbance:
         return np.array(self.noise)
 
 
-def triangular_factor(rows: ca.SX) -> ca.SX:
-    """Return upper triangular R (n, n) with R'R = A'A for rows A (m, n), m >= n, by Householder's reflections."""
-    m, n = rows.shape
-    A = [[rows[i, j] for j in range(n)] for i in range(m)]
-    for j in range(n):
-        below = [i for i in range(j, m) if not A[i][j].is_zero()]
-        if below and below != [j]:
-            _reflect(A, sorted({j, *below}), j)
-    return ca.vertcat(*[ca.horzcat(*[A[i][j] if j >= i else ca.SX(1, 1) for j in range(n)]) for i in range(n)])
-
-
-def _reflect(A: list[list[ca.SX]], rows: list[int], column: int) -> None:
-    """Turn the given rows so that only the first of them has an entry in the column; in place."""
-    x = [A[i][column] for i in rows]
-    size = ca.sumsqr(ca.vertcat(*x))
-    is_nonzero = size != 0  # true for nan, which must not be lost
-    norm = ca.if_else(is_nonzero, ca.sqrt(ca.if_else(is_nonzero, size, 1)), 0)
-    signed = ca.if_else(x[0] >= 0, norm, -norm)
-    v = [x[0] + signed, *x[1:]]
-    factor = ca.if_else(is_nonzero, 1 / ca.if_else(is_nonzero, norm * (norm + ca.fabs(x[0])), 1), 0)
-    for j in range(column + 1, len(A[0])):
-        if all(A[i][j].is_zero() for i in rows):
-            continue
-        projection = factor * sum((v[k] * A[i][j] for k, i in enumerate(rows)), ca.SX(0))
-        for k, i in enumerate(rows):
-            A[i][j] -= projection * v[k]
-    A[rows[0]][column] = -signed
-    for i in rows[1:]:
-        A[i][column] = ca.SX(0)
-
-
 @dataclass(frozen=True, eq=False)
 class InformationRoot:
-    """T (m, n), T'T the information; rounding (n, 1): what rounding may have left in each column of T, of late.
+    """T (m, n), T'T the information; rounding (n, 1): what rounding of one step may have left in each column of T.
 
     Without it, what is left of a column after an unknown input has taken it could not be told from knowledge.
     """
@@ -66,9 +38,14 @@ class InformationRoot:
     T: ca.SX
     rounding: ca.SX
 
-    def transform(self, F: ca.SX) -> InformationRoot:
-        """Return the root about y where this one is about F y."""
-        return InformationRoot(self.T @ F, ca.fabs(F).T @ (_ROUNDING_MEMORY * self.rounding + _round_off(self.T)))
+    def scale(self, unit: ca.SX) -> InformationRoot:
+        """Return the root about y where this one is about x = unit y, unit (n, 1) > 0."""
+        return InformationRoot(self.T @ ca.diag(unit), unit * self.rounding)
+
+    def transform(self, X: ca.SX, magnitudes: ca.SX | None = None) -> InformationRoot:
+        """Return the root about y where this one is about X y; magnitudes (m, n) of what was added up in each entry of X, None = of X."""
+        magnitudes = ca.fabs(X) if magnitudes is None else magnitudes
+        return InformationRoot(self.T @ X, _EPS * (magnitudes.T @ ca.sum1(ca.fabs(self.T)).T))
 
     def add_noise(self, noise: ca.SX) -> InformationRoot:
         """Return the root once noise, columns of it (m, r) with N(0, 1) each, has been added to what this one is about."""
@@ -76,60 +53,68 @@ class InformationRoot:
         for column in range(noise.shape[1]):
             g = T @ noise[:, column]
             norm = ca.sqrt(1 + ca.sumsqr(g))
-            T = T - g @ (g.T @ T) / (norm * (norm + 1))
-        return InformationRoot(T, self.next_rounding)
-
-    @property
-    def next_rounding(self) -> ca.SX:
-        """Rounding (n, 1) once T has been computed with again."""
-        return self.rounding + _round_off(self.T)
+            T = T - g @ (g.T @ T) / (norm * (norm + 1))  # (I + g g')^(-1/2) T
+        return InformationRoot(T, self.rounding)
 
     def with_rows(self, rows: ca.SX) -> InformationRoot:
         """Return the upper triangular root of what both know."""
-        return InformationRoot(triangular_factor(ca.vertcat(self.T, rows)), self.rounding + _round_off(rows))
+        rounding = self.rounding + _EPS * ca.sum1(ca.fabs(rows)).T
+        return InformationRoot(triangular_factor(ca.vertcat(self.T, rows)), rounding)
+
+    def without_residues(self) -> InformationRoot:
+        """Return the root with 0 for entries that are rounding of their columns: a step that enlarges them would make knowledge of them."""
+        threshold = ca.repmat(_RESIDUE * ca.sum1(ca.fabs(self.T)), self.T.shape[0], 1)
+        return InformationRoot(ca.if_else(ca.fabs(self.T) > threshold, self.T, 0), self.rounding)
+
+    def eliminate(self, q: ca.SX) -> InformationRoot:
+        """Return the root of what is known whatever t is, where this one is about x + q t, with q (n, 1).
+
+        Householder's reflection turns g = T q into its largest entry; that row alone tells of t, and is left out. An entry that is
+        not the largest would leave rows that are the difference of larger ones. T itself where it does not notice t.
+        """
+        g, precision = self.T @ q, self.precision_along(q)
+        is_seen, norm = precision > 0, ca.sqrt(precision)
+        largest = largest_entry(ca.fabs(g))
+        pivot = ca.dot(largest, g)
+        v = g + ca.if_else(pivot >= 0, norm, -norm) * largest
+        factor = ca.if_else(is_seen, 1 / ca.if_else(is_seen, norm * (norm + ca.fabs(pivot)), 1), 0)
+        T = _difference(self.T, (factor * v) @ (v.T @ self.T))
+        return InformationRoot(ca.diag(1 - ca.if_else(is_seen, largest, 0)) @ T, self.rounding)
+
+    def precision_along(self, q: ca.SX) -> ca.SX:
+        """Return |T q|^2, 0 where it may be rounding."""
+        size, threshold = ca.sumsqr(self.T @ q), _SIGNIFICANCE * ca.dot(self.rounding, ca.fabs(q))
+        return ca.if_else(size > threshold * threshold, size, 0)
 
 
-def _round_off(T: ca.SX) -> ca.SX:
-    """Rounding (n, 1) of sums of the entries of each column."""
-    return _EPS * ca.sum1(ca.fabs(T)).T
+def _difference(A: ca.SX, B: ca.SX) -> ca.SX:
+    """A - B, 0 where what is left of an entry is rounding."""
+    difference = A - B
+    return ca.if_else(ca.fabs(difference) > _RESIDUE * ca.fabs(A), difference, 0)
 
 
-def add_disturbance(root: InformationRoot, B_w: ca.SX, disturbance: Disturbance) -> InformationRoot:
-    """Return the root of M - M B (B'M B + Q^-1)^# B'M with M = T'T, one column of B after the other.
+def predict(root: InformationRoot, F: ca.SX, B_w: ca.SX, disturbance: Disturbance, unit: ca.SX) -> InformationRoot:
+    """Return the root about x_k+1 = F x_k + B_w w + L noise where this one is about x_k: of M - M B (B'M B + Q^-1)^# B'M with M = T'T.
 
-    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I. Roots keep what squares lose: where
-    nothing is known any more, what is left is the square of rounding.
+    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I; unit (n, 1): a size of each state.
     """
-    T, rounding = root.T, root.next_rounding
-    for column in disturbance.unknown:
-        T = _project_out(T, B_w[:, column], rounding)
-    for column in 2 * disturbance.unknown:  # twice: one may undo a little of the other
-        T = restore_null_direction(T, B_w[:, column], rounding)
-    L = ca.sparsify(ca.SX(ca.DM(disturbance.L)))
-    for column in range(L.shape[1]):
-        g = T @ L[:, column]
-        norm = ca.sqrt(1 + ca.sumsqr(g))
-        T = T - g @ (g.T @ T) / (norm * (norm + 1))  # (I + g g')^(-1/2) T
-    return InformationRoot(T, rounding)
+    noise = ca.sparsify(ca.SX(ca.DM(disturbance.L)))
+    if not disturbance.unknown:
+        return root.transform(ca.solve(F, ca.SX.eye(F.shape[0]))).add_noise(noise)
+    root = root.scale(unit).without_residues()
+    exchange = exchange_inputs(*in_units(F, B_w[:, list(disturbance.unknown)], unit), root.rounding)
+    for column in range(exchange.Q.shape[1]):
+        root = root.eliminate(exchange.Q[:, column])
+    return root.transform(exchange.X, exchange.magnitudes).scale(1 / unit).add_noise(noise)
 
 
-def _project_out(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
-    """(I - g g' / g'g) T with g = T b: what rows say whatever moves along b; T itself where they do not notice."""
-    g = T @ b
-    return T - conditional_variance(g, b, rounding) * (g @ (g.T @ T))
+def in_units(F: ca.SX, B: ca.SX, unit: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Return F and B of the states counted in units (n, 1)."""
+    return ca.diag(1 / unit) @ F @ ca.diag(unit), ca.diag(1 / unit) @ B
 
 
-def conditional_variance(g: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
-    """Return 1 / g'g, g = T b: the variance of what moves the state along b, given where it came to; 0 where T does not notice."""
-    threshold = _SIGNIFICANCE * (rounding.T @ ca.fabs(b))
-    size = ca.sumsqr(g)
-    is_visible = size > threshold * threshold
-    return ca.if_else(is_visible, 1 / ca.if_else(is_visible, size, 1), 0)
-
-
-def restore_null_direction(T: ca.SX, b: ca.SX, rounding: ca.SX) -> ca.SX:
-    """T with T b = 0 restored, which was so but for rounding: else that would grow from step to step. Changes columns by their rounding."""
-    weights = rounding * rounding * b
-    size = b.T @ weights
-    is_nonzero = size > 0
-    return T - ca.if_else(is_nonzero, 1 / ca.if_else(is_nonzero, size, 1), 0) * ((T @ b) @ weights.T)
+def predict_back(root: InformationRoot, F: ca.SX, B: ca.SX) -> InformationRoot:
+    """Return the root about x_k where this one is about x_k+1 = F x_k + B w, w anything."""
+    for column in range(B.shape[1]):
+        root = root.eliminate(B[:, column])
+    return root.transform(deflate(F, B, root.rounding))

@@ -9,7 +9,8 @@ import numpy as np
 
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates
-from obsdesign.information.information_update import Disturbance, InformationRoot, conditional_variance, restore_null_direction
+from obsdesign.information.information_update import Disturbance, InformationRoot, in_units
+from obsdesign.information.input_exchange import exchange_inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,41 +93,41 @@ def sample_row(model: Model, nuisance: NuisanceStates, output: int) -> tuple[ca.
 
 
 def predict_with_errors(
-    root: InformationRoot, errors: ErrorDistribution, F: ca.SX, B_w: ca.SX, disturbance: Disturbance
+    root: InformationRoot, errors: ErrorDistribution, F: ca.SX, B_w: ca.SX, disturbance: Disturbance, unit: ca.SX
 ) -> tuple[InformationRoot, ErrorDistribution]:
-    """Return root and errors about (b, x_k+1), for x_k+1 = F x_k + B w + L noise, where these are about (b, x_k); z stays."""
-    n, c = F.shape[0], root.T.shape[1] - F.shape[0]
-    inverse_transition = ca.diagcat(ca.SX.eye(c), ca.solve(F, ca.SX.eye(n)))
-    input_columns = ca.vertcat(ca.SX(c, B_w.shape[1]), B_w)
-    noise = ca.vertcat(ca.SX(c, disturbance.L.shape[1]), ca.sparsify(ca.SX(ca.DM(disturbance.L))))
-    return _add_disturbance_with_errors(
-        root.transform(inverse_transition),
-        ErrorDistribution(errors.M @ inverse_transition, errors.V),
-        input_columns[:, list(disturbance.unknown)],
-        noise,
-    )
+    """Return root and errors about (b, x_k+1), for x_k+1 = F x_k + B w + L noise, where these are about (b, x_k); z stays.
 
-
-def _add_disturbance_with_errors(
-    root: InformationRoot, errors: ErrorDistribution, unknown: ca.SX, noise: ca.SX
-) -> tuple[InformationRoot, ErrorDistribution]:
-    """Return `shaken` of the root, and the errors given the state that has been moved along columns of unknown inputs and of noise.
-
-    x' = x + b w with root T about x: w | x' ~ N(g'T x' / (g'g + q), 1 / (g'g + q)), g = T b, with q = 0 for an unknown input and 1 for
-    noise, so M' = M - (M b) g'T / (g'g + q) and V' = V + (M b)(M b)' / (g'g + q). Rows of M are combinations of rows of T: what says
-    nothing of x says nothing of z.
+    An unknown input leaves x = X x' + q t with t | x' ~ N(-g'T X x' / g'g, 1 / g'g), g = T q, so M' = (M - (M q) g'T / g'g) X and
+    V' = V + (M q)(M q)' / g'g. Rows of M are combinations of rows of T: what says nothing of x says nothing of z.
     """
-    T, rounding, M, V = root.T, root.next_rounding, errors.M, errors.V
-    columns = [unknown[:, j] for j in range(unknown.shape[1])]
-    for b in columns:
-        g, error_change = T @ b, M @ b
-        variance = conditional_variance(g, b, rounding)
-        M, V, T = M - variance * (error_change @ (g.T @ T)), V + variance * (error_change @ error_change.T), T - variance * (g @ (g.T @ T))
-    for b in 2 * columns:
-        T, M = (restore_null_direction(matrix, b, rounding) for matrix in (T, M))
+    c = root.T.shape[1] - F.shape[0]
+    noise = ca.vertcat(ca.SX(c, disturbance.L.shape[1]), ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    transition, all_units = ca.diagcat(ca.SX.eye(c), F), ca.vertcat(ca.SX.ones(c), unit)
+    if not disturbance.unknown:
+        X = ca.solve(transition, ca.SX.eye(c + F.shape[0]))
+        return _add_noise_with_errors(root.transform(X), ErrorDistribution(errors.M @ X, errors.V), noise)
+    input_columns = ca.vertcat(ca.SX(c, B_w.shape[1]), B_w)[:, list(disturbance.unknown)]
+    root, M, V = root.scale(all_units).without_residues(), errors.M @ ca.diag(all_units), errors.V
+    exchange = exchange_inputs(*in_units(transition, input_columns, all_units), root.rounding)
+    for column in range(exchange.Q.shape[1]):
+        q = exchange.Q[:, column]
+        precision, error_change, row = root.precision_along(q), M @ q, (root.T @ q).T @ root.T
+        variance = ca.if_else(precision > 0, 1 / ca.if_else(precision > 0, precision, 1), 0)
+        M, V, root = M - variance * (error_change @ row), V + variance * (error_change @ error_change.T), root.eliminate(q)
+    M = M @ exchange.X @ ca.diag(1 / all_units)
+    return _add_noise_with_errors(root.transform(exchange.X, exchange.magnitudes).scale(1 / all_units), ErrorDistribution(M, V), noise)
+
+
+def _add_noise_with_errors(root: InformationRoot, errors: ErrorDistribution, noise: ca.SX) -> tuple[InformationRoot, ErrorDistribution]:
+    """Return both given the state that has been moved along columns of noise.
+
+    x' = x + b e with root T about x: e | x' ~ N(g'T x' / (g'g + 1), 1 / (g'g + 1)), g = T b, so M' = M - (M b) g'T / (g'g + 1) and
+    V' = V + (M b)(M b)' / (g'g + 1).
+    """
+    T, M, V = root.T, errors.M, errors.V
     for j in range(noise.shape[1]):
         g, error_change = T @ noise[:, j], M @ noise[:, j]
         norm = ca.sqrt(1 + ca.sumsqr(g))
         M, V = M - error_change @ (g.T @ T) / norm**2, V + error_change @ error_change.T / norm**2
         T = T - g @ (g.T @ T) / (norm * (norm + 1))
-    return InformationRoot(T, rounding), ErrorDistribution(M, V)
+    return InformationRoot(T, root.rounding), ErrorDistribution(M, V)

@@ -17,9 +17,15 @@ from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
-from obsdesign.information.backward_pass import backward_roots, backward_roots_with_nuisance, raise_not_finite, rows_of_samples
+from obsdesign.information.backward_pass import (
+    backward_roots,
+    backward_roots_with_nuisance,
+    raise_not_finite,
+    require_trace,
+    rows_of_samples,
+)
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.information_update import Disturbance, InformationRoot, add_disturbance
+from obsdesign.information.information_update import Disturbance, InformationRoot, predict
 from obsdesign.information.nuisance_information import ErrorDistribution, predict_with_errors, update_with_samples
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.packing import pack, pack_values, symmetric
@@ -59,9 +65,13 @@ def posterior_information(
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     weights = weights_of(system, path, active)
     if disturbance.unknown:
-        backward_roots(system, path, disturbance, weights)
+        require_trace(system, path, disturbance, weights)
     roots = _roots(system, path, prior, disturbance, weights)
-    return roots.swapaxes(1, 2) @ roots
+    with np.errstate(over="ignore", invalid="ignore"):
+        J = roots.swapaxes(1, 2) @ roots
+    if not np.isfinite(J).all():
+        raise_not_finite(J, system, path, weights)
+    return J
 
 
 @validate_arguments
@@ -106,7 +116,7 @@ def _rows_with_nuisance(
     system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (N, m, p) about w_k, and (N, m, .) about (b, x_k) and e, with errors z_k = M (b, x_k) + V^1/2 e."""
-    nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], all_inputs_along(system, path), weights]
+    nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
     scan = _forward_scan(system.model, path.step, disturbance, substeps_along(system, path), with_errors=True)
     results = scan.run(initial_carry_of(prior, nuisance)[None], rows, path.steps, carries=False).results
@@ -178,7 +188,7 @@ def initial_carry_of(prior: Prior, nuisance: NuisanceStates) -> np.ndarray:
     a, c = len(nuisance.coloured), len(nuisance.constant)
     T = np.eye(c + len(root))
     T[c:, c:] = root
-    return np.concatenate([T.ravel(order="F"), np.zeros(len(T)), np.zeros(a * len(T)), pack_values(nuisance.R)])
+    return np.concatenate([T.ravel(order="F"), np.finfo(float).eps * np.abs(T).sum(axis=0), np.zeros(a * len(T)), pack_values(nuisance.R)])
 
 
 @lru_cache(CACHE_SIZE)
@@ -191,13 +201,14 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     step_graph, nuisance = looped_step(model, step, substeps), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
+    unit = ca.SX.sym("unit", n)
     if not nuisance.size:
         updated = InformationRoot(T, rounding).with_rows(rows_of_samples(model, weights))
-        predicted = add_disturbance(updated.transform(ca.solve(step_graph.F, ca.SX.eye(n))), step_graph.B_w, disturbance)
+        predicted = predict(updated, step_graph.F, step_graph.B_w, disturbance, unit)
         carry_next = ca.vertcat(ca.vec(ca.densify(predicted.T)), predicted.rounding)
         return Scan(
             ca.vertcat(ca.vec(T), rounding),
-            [step_graph.x, step_graph.all_inputs, weights],
+            [step_graph.x, step_graph.all_inputs, weights, unit],
             carry_next,
             [ca.vec(ca.densify(updated.T))],
             loop=step_graph.loop,
@@ -205,18 +216,18 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     rows, counts, errors = update_with_samples(model, nuisance, ErrorDistribution(M, V), weights)
     updated = InformationRoot(T, rounding).with_rows(ca.sqrt(counts) * rows)
-    predicted, errors_predicted = predict_with_errors(updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance)
+    predicted, errors_predicted = predict_with_errors(updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance, unit)
     carry_next = ca.vertcat(ca.vec(predicted.T), predicted.rounding, ca.vec(errors_predicted.M), pack(errors_predicted.V))
     carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
     results = [updated.T, errors.M, errors.V] if with_errors else [updated.T[c:, c:]]
     columns = [ca.vec(ca.densify(result)) for result in results]
-    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights], carry_next, columns, loop=step_graph.loop)
+    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights, unit], carry_next, columns, loop=step_graph.loop)
 
 
 def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
     n, nuisance = path.x.shape[1], nuisance_of(system.model, path.step)
-    rows = [path.x[:-1], all_inputs_along(system, path), weights]
+    rows = [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     start = initial_carry_of(prior, nuisance)[None]
     scan = _forward_scan(system.model, path.step, disturbance, substeps_along(system, path))
     run = scan.run(start, rows, path.steps, carries=False)

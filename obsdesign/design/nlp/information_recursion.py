@@ -13,6 +13,8 @@ from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.step import CACHE_SIZE, Step, blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import colour_of
+from obsdesign.information.information_update import in_units
+from obsdesign.information.input_exchange import exchange_inputs
 from obsdesign.information.nuisance_information import ErrorDistribution, update_with_samples
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_graph import instant_of
@@ -82,13 +84,22 @@ def posterior_recursion(model: Model, step: float, knowledge: Knowledge, substep
     due, (J, entries) = ca.SX.sym("due", len(model.channels) + 1), symmetric("J", c + n)
     M, (V, spread) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     updated, errors = _after_samples(model, nuisance, (J, ErrorDistribution(M, V)), due)
-    predicted, next_errors = _predict(dynamics, _noise_columns(model, dynamics, step, knowledge), (updated, errors.predict(nuisance)))
+    predicted, next_errors = _predict(dynamics, _disturbance_of(model, step, knowledge), (updated, errors.predict(nuisance)))
     start = np.eye(c + n)
     start[c:, c:] = np.linalg.inv(knowledge.prior.covariance)
     z = ca.vertcat(dynamics.x, entries, ca.vec(M), spread)
     z_next = ca.vertcat(dynamics.x_next, pack(predicted), ca.vec(ca.densify(next_errors.M)), pack(next_errors.V))
     first = np.concatenate([pack_values(start.T), np.zeros(a * (c + n)), pack_values(nuisance.R)])
     return InformationRecursion(z, dynamics.u, due, z_next, due[-1] * pack(_eliminate_constants(updated, c)), first)
+
+
+@dataclass(frozen=True, eq=False)
+class _Disturbance:
+    """What moves the state beside its inputs: places of unknown inputs, columns L (n, r) of noise; unit (n,): a size of each state."""
+
+    unknown: list[int]
+    L: np.ndarray
+    unit: np.ndarray
 
 
 _JointInformation = tuple[ca.SX, ErrorDistribution]  # J about (b, x), and the other errors given those
@@ -103,27 +114,48 @@ def _after_samples(model: Model, nuisance: NuisanceStates, before: _JointInforma
     return J + rows.T @ (ca.repmat(counts, 1, rows.shape[1]) * rows), after
 
 
-def _predict(dynamics: Step, columns: list[tuple[ca.SX, float]], updated: _JointInformation) -> _JointInformation:
-    """Return what is known of x_k+1 when columns move it, each by what has so much information, and of the errors given that."""
+def _predict(dynamics: Step, disturbance: _Disturbance, updated: _JointInformation) -> _JointInformation:
+    """Return what is known of x_k+1 when unknown inputs and noise move it, and of the errors given that."""
     (J, errors), n = updated, dynamics.x.numel()
     c = J.shape[0] - n
-    inverse = ca.solve(dynamics.F, ca.SX.eye(n))
-    transform = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
-    predicted, M, V = transform.T @ J @ transform, errors.M @ transform, errors.V
-    for column, information in columns:
-        b = ca.vertcat(ca.SX(c, 1), column)
-        g, size = _downdate_terms(predicted, b, information)
-        along = M @ b
-        predicted, M, V = predicted - g @ g.T / size, M - along @ g.T / size, V + along @ along.T / size
-    return predicted, ErrorDistribution(M, V)
+    transition = ca.diagcat(ca.SX.eye(c), dynamics.F) if c else dynamics.F
+    if disturbance.unknown:
+        input_columns = ca.vertcat(ca.SX(c, len(disturbance.unknown)), dynamics.B_w[:, list(disturbance.unknown)])
+        J, errors = _predict_with_unknown_inputs((J, errors), transition, input_columns, np.append(np.ones(c), disturbance.unit))
+    else:
+        inverse = ca.solve(dynamics.F, ca.SX.eye(n))
+        transform = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
+        J, errors = transform.T @ J @ transform, ErrorDistribution(errors.M @ transform, errors.V)
+    for j in range(disturbance.L.shape[1]):
+        J, errors = _move_along((J, errors), ca.vertcat(ca.SX(c, 1), ca.SX(ca.DM(disturbance.L[:, j]))), 1.0)
+    return J, errors
 
 
-def _noise_columns(model: Model, dynamics: Step, step: float, knowledge: Knowledge) -> list[tuple[ca.SX, float]]:
-    """What moves the state beside its inputs, and the information that there is about it before: 0 of unknown inputs, 1 of noise."""
+def _predict_with_unknown_inputs(known: _JointInformation, F: ca.SX, B: ca.SX, unit: np.ndarray) -> _JointInformation:
+    """Return the same about F x + B w, w anything; see `exchange_inputs`. In units, so that states can be compared."""
+    J, errors = known
+    D = ca.SX(ca.diag(ca.DM(unit)))
+    J, errors = D @ J @ D, ErrorDistribution(errors.M @ D, errors.V)
+    sizes = ca.sqrt(ca.fmax(ca.diag(J), 0))  # chooses states, and is not differentiated
+    exchange = exchange_inputs(*in_units(F, B, ca.SX(ca.DM(unit))), sizes)
+    for j in range(B.shape[1]):
+        J, errors = _move_along((J, errors), exchange.Q[:, j], 0.0)
+    X = exchange.X @ ca.SX(ca.diag(ca.DM(1 / unit)))
+    return X.T @ J @ X, ErrorDistribution(errors.M @ X, errors.V)
+
+
+def _move_along(known: _JointInformation, b: ca.SX, information: float) -> _JointInformation:
+    """Return the same about x + b e, with so much information about e before: 0 of an unknown input, 1 of noise."""
+    J, errors = known
+    g, size = _downdate_terms(J, b, information)
+    along = errors.M @ b
+    return J - g @ g.T / size, ErrorDistribution(errors.M - along @ g.T / size, errors.V + along @ along.T / size)
+
+
+def _disturbance_of(model: Model, step: float, knowledge: Knowledge) -> _Disturbance:
     names = [signal.name for signal in model.unknown_inputs]
     L = noise_factor(knowledge.disturbance_psd, len(model.states), step)
-    unknown = [(dynamics.B_w[:, names.index(name)], 0.0) for name in knowledge.unknown_inputs]
-    return unknown + [(ca.SX(ca.DM(L[:, column])), 1.0) for column in range(L.shape[1])]
+    return _Disturbance([names.index(name) for name in knowledge.unknown_inputs], L, knowledge.prior.std)
 
 
 def _downdate_terms(M: ca.SX, b: ca.SX, information: float) -> tuple[ca.SX, ca.SX]:

@@ -1,0 +1,66 @@
+"""Triangular factors and solutions of graphs by Householder's reflections: what is 0 by structure stays so."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+
+def triangular_factor(rows: ca.SX) -> ca.SX:
+    """Return upper triangular R (n, n) with R'R = A'A for rows A (m, n), m >= n, by Householder's reflections."""
+    m, n = rows.shape
+    A = [[rows[i, j] for j in range(n)] for i in range(m)]
+    _triangulate(A, n)
+    return ca.vertcat(*[ca.horzcat(*[A[i][j] if j >= i else ca.SX(1, 1) for j in range(n)]) for i in range(n)])
+
+
+def _triangulate(A: list[list[ca.SX]], columns: int) -> None:
+    """Make the first columns of rows A upper triangular; in place."""
+    for j in range(columns):
+        below = [i for i in range(j, len(A)) if not A[i][j].is_zero()]
+        if below and below != [j]:
+            _reflect(A, sorted({j, *below}), j)
+
+
+def _reflect(A: list[list[ca.SX]], rows: list[int], column: int) -> None:
+    """Turn the given rows so that only the first of them has an entry in the column; in place."""
+    x = [A[i][column] for i in rows]
+    size = ca.sumsqr(ca.vertcat(*x))
+    is_nonzero = size != 0  # true for nan, which must not be lost
+    norm = ca.if_else(is_nonzero, ca.sqrt(ca.if_else(is_nonzero, size, 1)), 0)
+    signed = ca.if_else(x[0] >= 0, norm, -norm)
+    v = [x[0] + signed, *x[1:]]
+    factor = ca.if_else(is_nonzero, 1 / ca.if_else(is_nonzero, norm * (norm + ca.fabs(x[0])), 1), 0)
+    for j in range(column + 1, len(A[0])):
+        if all(A[i][j].is_zero() for i in rows):
+            continue
+        projection = factor * sum((v[k] * A[i][j] for k, i in enumerate(rows)), ca.SX(0))
+        for k, i in enumerate(rows):
+            A[i][j] -= projection * v[k]
+    A[rows[0]][column] = -signed
+    for i in rows[1:]:
+        A[i][column] = ca.SX(0)
+
+
+def solve(A: ca.SX, Y: ca.SX) -> ca.SX:
+    """Return A^-1 Y, one block of A's block triangular form after the other."""
+    count, row_order, column_order, ends, _, _, _ = A.sparsity().btf()
+    A, Y = A[row_order, column_order], Y[row_order, :]
+    X = ca.SX(*Y.shape)
+    for block in range(count):
+        part = slice(ends[block], ends[block + 1])
+        X[part, :] = _solve_block(A[part, part], ca.sparsify(Y[part, :] - A[part, : part.start] @ X[: part.start, :]))
+    return ca.sparsify(X[np.argsort(column_order).tolist(), :])
+
+
+def _solve_block(A: ca.SX, Y: ca.SX) -> ca.SX:
+    """Return A^-1 Y for A that has no structure."""
+    if A.numel() == 1:
+        return Y / A
+    n, joint = A.shape[0], ca.horzcat(A, Y)
+    rows = [[joint[i, j] for j in range(joint.shape[1])] for i in range(n)]
+    _triangulate(rows, n)
+    for i in reversed(range(n)):
+        for j in range(n, len(rows[i])):
+            rows[i][j] = (rows[i][j] - sum((rows[i][k] * rows[k][j] for k in range(i + 1, n)), ca.SX(0))) / rows[i][i]
+    return ca.sparsify(ca.vertcat(*[ca.horzcat(*row[n:]) for row in rows]))
