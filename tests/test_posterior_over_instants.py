@@ -72,6 +72,29 @@ def test_the_value_is_that_of_the_covariances_of_the_states_asked_about(
     assert problem.value(path) == pytest.approx(value_of_costs(problem, costs(problem, path)), rel=1e-9, abs=1e-9)
 
 
+@EACH_OVER
+@EACH_CRITERION
+def test_a_path_costs_what_the_schedule_of_all_its_sensors_costs_a_filter(inner: od.AbstractCriterion, over: object):
+    """The same C as that of `select_for_filter`, where all may be on."""
+    problem = asked("correlated noise", inner, over, about=("x", "y"))
+    path, known = problem.path_of(inputs(5)), problem.criterion
+    schedule = od.select_for_filter(
+        problem.system,
+        path,
+        known.prior,
+        per_segment=len(problem.system.model.channels),
+        segment=4.0,
+        disturbance_psd=known.disturbance_psd,
+        about=problem.about,
+        over=over,  # pyright: ignore[reportArgumentType]
+        criterion=inner,
+        scale=problem.scale,
+    )
+    assert schedule.chosen.all()
+    expected = 1 / schedule.value if isinstance(inner, od.MinEigenvalue) else -schedule.value
+    assert problem.value(path) == pytest.approx(expected, rel=1e-9)
+
+
 @EACH_CRITERION
 def test_weights_on_the_last_instant_are_the_end_and_equal_ones_the_mean(inner: od.AbstractCriterion):
     path = JUDGED["noise"].path_of(inputs(3))

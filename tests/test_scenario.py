@@ -319,6 +319,19 @@ def changed(*changes: tuple[str, str]) -> str:
     return text
 
 
+@pytest.mark.parametrize("over", ["end", "mean", "worst", [0.0] * 100 + [0.5] * 20], ids=["end", "mean", "worst", "weights"])
+def test_a_posterior_is_judged_when_and_by_what_the_file_says(over, tmp_path):
+    """With the scenario's own prior and process noise."""
+    file = tmp_path / "scenario.toml"
+    keys = f'criterion = "posterior"\nposterior_criterion = "trace_inverse"\nover = {json.dumps(over)}'
+    file.write_text(changed(('criterion = "min_eigenvalue"', keys)))
+    scenario = od.load_scenario(file)
+    criterion = problem_of(scenario, scenario.sensor_names).criterion
+    assert (criterion.criterion, criterion.over) == (od.TraceInverse(), over if isinstance(over, str) else tuple(over))
+    assert criterion.disturbance_psd == scenario.disturbance_psd
+    np.testing.assert_allclose(criterion.prior.mean, [scenario.start[name] for name in scenario.state_names])
+
+
 def test_several_mistakes_are_told_at_once(tmp_path):
     file = tmp_path / "scenario.toml"
     file.write_text(AEROSONDE.read_text().replace("sigma = 2.0", "sigma = nan").replace("speed = 20.0", "sped = 20.0"))
