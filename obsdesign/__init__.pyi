@@ -91,6 +91,7 @@ from .selection.pareto import pareto as pareto
 from .selection.posterior.filter_schedule import FilterSchedule as FilterSchedule
 from .selection.posterior.filter_selection import select_for_filter as select_for_filter
 from .selection.posterior.noise_floor import fit_floor as fit_floor
+from .selection.posterior.receding_horizon import select_next as select_next
 from .selection.schedule import Schedule as Schedule
 from .selection.schedule import upper_bound as upper_bound
 from .selection.sensor_loss import Loss as Loss

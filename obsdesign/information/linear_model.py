@@ -15,7 +15,7 @@ from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.information_update import Disturbance
-from obsdesign.information.nuisance_information import sample_row
+from obsdesign.information.nuisance_information import output_spread, sample_row
 from obsdesign.information.sample_information import require_derivatives
 from obsdesign.prior import Prior
 from obsdesign.trajectory import Trajectory
@@ -29,7 +29,8 @@ class LinearModel:
 
     initial_covariance (n, n) before the samples at t_0; transition A_k and noise Q_k (N-1, n, n) from t_k to t_k+1; rows r_ki
     (N, q, n) over the standard deviation of what is white, 0 where there is no sample; sensor_of_row (q,). The first n_states
-    entries of z are the state. unknown_columns (N-1, n, p): what the unknown inputs named move, which is not in Q.
+    entries of z are the state. unknown_columns (N-1, n, p): what the unknown inputs named move, which is not in Q. spreads (N, q): the
+    standard deviations of samples, in the units of the outputs.
 
     A coloured error e of covariance R is taken as e' + v with e' of covariance (1 - c) R and v white of variance
     c l / (1 + d)^2, l the smallest eigenvalue of what drives e, d its largest decay: the spectrum of e is nowhere below
@@ -44,11 +45,37 @@ class LinearModel:
     sensor_of_row: np.ndarray
     n_states: int
     unknown_columns: np.ndarray
+    spreads: np.ndarray
+
+    def with_floors(self, floors: np.ndarray, nodes: np.ndarray) -> LinearModel:
+        """Return the model in which the mean error of a sensor within a segment between nodes (K+1,) never falls below its floor (S,).
+
+        n samples of standard deviation s with an error b in common tell a state that hardly moves as much as n samples of
+        (s^2 + n b^2)^1/2: rows are divided by (1 + n b^2 / s^2)^1/2.
+        """
+        is_sampled = self.rows.any(axis=2)
+        counts = np.repeat(np.add.reduceat(is_sampled, nodes[:-1], axis=0), np.diff(nodes), axis=0)
+        ratio = floors[self.sensor_of_row] / self.spreads
+        return replace(self, rows=self.rows / np.sqrt(1 + counts * ratio**2)[:, :, None])
 
     def with_unknown_inputs(self, variance: np.ndarray) -> LinearModel:
         """Return the model in which each unknown input has a variance (p,) in a step in place of an infinite one: one that knows more."""
         B = self.unknown_columns
         return replace(self, noise=self.noise + (B * variance) @ B.swapaxes(1, 2))
+
+    def covariances(self, active: np.ndarray) -> np.ndarray:
+        """Return the covariances (N, n, n) of z after the samples at t_k of a Kalman filter, active (N, S): which sensors are on."""
+        P, result = self.initial_covariance, np.empty((self.steps, *self.initial_covariance.shape))
+        is_on = (active[:, self.sensor_of_row] > 0) & self.rows.any(axis=2)
+        for k in range(self.steps):
+            for row in self.rows[k, is_on[k]]:
+                v = P @ row
+                P = P - np.outer(v, v) / (1 + row @ v)
+            result[k] = P
+            if k < self.steps - 1:
+                P = self.transition[k] @ P @ self.transition[k].T + self.noise[k]
+                P = (P + P.T) / 2
+        return result
 
     @property
     def steps(self) -> int:
@@ -65,7 +92,7 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
     arrays = _linearisation(model, path.step, substeps_along(system, path)).along(
         np.empty(0), path.x[:-1], all_inputs_along(system, path), weights
     )[1:]
-    F, B, state_rows, bias_loads, white = arrays
+    F, B, state_rows, bias_loads, white, spreads = arrays
     N, q, c, a = path.steps, len(model.output_owner), len(nuisance.constant), len(nuisance.coloured)
     F, B = F.reshape(N, n, n).swapaxes(1, 2), B.reshape(N, len(model.unknown_inputs), n).swapaxes(1, 2)[:, :, list(disturbance.unknown)]
     size, L = n + c + a, disturbance.L
@@ -86,7 +113,7 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
         raise InputError("the linearised model is not finite along the path")
     columns = np.zeros((N - 1, size, B.shape[2]))
     columns[:, :n] = B[:-1]
-    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), n, columns)
+    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), n, columns, spreads)
 
 
 def _whiten(rows: np.ndarray, variance: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -106,15 +133,16 @@ def _white_part(nuisance: NuisanceStates, outputs: int) -> np.ndarray:
 
 @lru_cache(CACHE_SIZE)
 def _linearisation(model: Model, step: float, substeps: int) -> Scan:
-    """Rows x_k, (u, w)_k, active (S,) -> F, B_w, dy / dx and dy / db of all outputs over their spreads, and what gates add to variances."""
+    """Rows x_k, (u, w)_k, active (S,) -> F, B_w, dy / dx and dy / db over the spreads, what gates add to variances, the spreads."""
     graph, nuisance, weights = looped_step(model, step, substeps), nuisance_of(model, step), ca.SX.sym("active", len(model.channels))
-    c, rows, missing = len(nuisance.constant), [], []
+    c, rows, missing, spreads = len(nuisance.constant), [], [], []
     for i, sensor in enumerate(model.output_owner):
         row, bias_ratio, gate = sample_row(model, nuisance, i)
+        spreads.append(output_spread(model, i))
         # not a product: where a sensor that is off has no derivative, nothing is lost
         rows.append(ca.if_else(weights[sensor], row, ca.SX(*row.shape)))
         missing.append(ca.if_else(gate > 0, bias_ratio * (1 - gate) / ca.if_else(gate > 0, gate, 1), np.inf))
     stacked = ca.vertcat(*rows)
-    results = [graph.F, graph.B_w, stacked[:, c:], stacked[:, :c], ca.vertcat(*missing)]
+    results = [graph.F, graph.B_w, stacked[:, c:], stacked[:, :c], ca.vertcat(*missing), ca.vertcat(*spreads)]
     columns = [ca.vec(ca.densify(result)) for result in results]
     return Scan(ca.SX(0, 1), [graph.x, graph.all_inputs, weights], ca.SX(0, 1), columns, loop=graph.loop)

@@ -82,14 +82,19 @@ def samples_given_previous(model: Model, nuisance: NuisanceStates, weights: ca.S
 
 def sample_row(model: Model, nuisance: NuisanceStates, output: int) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Return dy_i / d(b, x) / s_i (1, c + n), 1 + bias^2 / s_i^2 and the gate: missing = s_i^2 (1 + bias^2 / s_i^2)(1 - g) / g."""
-    channel = model.channels[model.output_owner[output]]
-    output_index = model.outputs_of[channel.name].index(output)
-    spread = channel.noise.inflation * (channel.noise.spread * ca.SX.ones(len(channel.outputs)))[output_index]
+    channel, spread = model.channels[model.output_owner[output]], output_spread(model, output)
     loads = ca.SX(1, len(nuisance.constant))
     for index, bias in nuisance.loads(output):
         loads[index] = bias
     row = ca.horzcat(loads, ca.jacobian(model.h[output], model.x)) / spread
     return row, 1 + (channel.noise.bias / spread) ** 2, channel.noise.gate
+
+
+def output_spread(model: Model, output: int) -> ca.SX:
+    """Return s_i (1, 1): the standard deviation of an output's first-order error, in its unit."""
+    channel = model.channels[model.output_owner[output]]
+    spread = channel.noise.spread * ca.SX.ones(len(channel.outputs))
+    return channel.noise.inflation * spread[model.outputs_of[channel.name].index(output)]
 
 
 def predict_with_errors(

@@ -26,7 +26,7 @@ class Answer:
     bound_by: str
 
 
-def search(problem: PosteriorProblem, gap: float, is_relative: bool) -> Answer:
+def search(problem: PosteriorProblem, gap: float, is_relative: bool, time_limit: float | None = None) -> Answer:
     """Return the schedule and bound of a problem; gap: how near they are wanted, as a share of the cost where is_relative."""
     walk = first_walk(problem)
     if walk is None:

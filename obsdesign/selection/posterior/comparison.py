@@ -8,6 +8,7 @@ from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.selection.baselines import round_robin, single_sensor
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule
+from obsdesign.selection.posterior.options import switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion
 from obsdesign.selection.posterior.trellis import smallest_rest, start_of, successors
@@ -34,13 +35,7 @@ def compare_schedules(question: FilterQuestion, problem: PosteriorProblem, per_s
 
 
 def _cost(question: FilterQuestion, problem: PosteriorProblem, chosen: np.ndarray) -> float:
-    return question.cost(question.information(chosen)) + _switching(problem, chosen)
-
-
-def _switching(problem: PosteriorProblem, chosen: np.ndarray) -> float:
-    before = np.zeros_like(chosen)
-    before[1:] = chosen[:-1]
-    return float((chosen & ~before).sum(axis=0) @ problem.options.switching)
+    return question.schedule_cost(chosen) + switching_of(problem.options, chosen)
 
 
 def _within_rules(problem: PosteriorProblem, seed: int) -> list[tuple[str, np.ndarray]]:

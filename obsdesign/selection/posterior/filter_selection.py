@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_count, require_positive, require_within
+from obsdesign.checks import as_array, require_count, require_positive, require_within
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.errors import SolveError
+from obsdesign.errors import InputError, SolveError
 from obsdesign.prior import Prior
-from obsdesign.round_off import standard_deviations
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.posterior.bounded_search import Answer, search
+from obsdesign.selection.posterior.bounded_search import first_walk, search
 from obsdesign.selection.posterior.comparison import compare_schedules
-from obsdesign.selection.posterior.filter_schedule import FilterSchedule
-from obsdesign.selection.posterior.options import Options, build_options
-from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
-from obsdesign.selection.posterior.questions import FilterQuestion, Over, build_question
-from obsdesign.selection.posterior.segment_maps import segment_maps
-from obsdesign.selection.posterior.sensor_prices import sensor_prices
+from obsdesign.selection.posterior.filter_certificate import ROUNDING_MARGIN, certify, failed_schedule
+from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
+from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
+from obsdesign.selection.posterior.options import Options, build_options, switching_of
+from obsdesign.selection.posterior.problem import PosteriorProblem
+from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, Over, build_question
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
-_MARGIN = 1e-9  # of a cost: what rounding may add to a bound
+_WORTH_SAYING = 0.01  # of a cost
 
 
 @validate_arguments
@@ -46,6 +46,8 @@ def select_for_filter(
     scale: ArrayLike | None = None,
     active: np.ndarray | None = None,
     rules: Sequence[AbstractRule] = (),
+    floor: Mapping[str, float] | None = None,
+    flown: np.ndarray | None = None,
     gap: float = 1e-3,
     time_limit: float | None = None,
     seed: int = 0,
@@ -72,6 +74,10 @@ def select_for_filter(
         scale (n,): what counts as one unit of each state; None = ones.
         active (N, S): which samples arrive where a sensor is on; None = all. A segment in which nobody answers is coasted through.
         rules: what schedules have to keep, and what switching costs, in the cost's unit.
+        floor: sensor -> what its mean error within a segment never falls below, in the unit of its outputs, as `fit_floor` finds it for a
+            sensor that is less sure than its model. The schedule is chosen with it, value and bound count it, `predicted` does not.
+        flown (K, S): what was on when the path was driven; `compared` then has its cost and `notes` say how much could have been saved
+            at most, by the bound.
         gap: how near to the best the schedule is to be proven, as a share of the cost (a difference for LogDet()).
         time_limit: stops with what there is [s]; None = never. Without one, so much work is done, the same on every machine.
         seed: seed of the random schedules that are compared.
@@ -84,83 +90,57 @@ def select_for_filter(
     require_count("seed", seed, minimum=0)
     if time_limit is not None:
         require_positive("time_limit", time_limit)
-    question = build_question(
-        system,
-        path,
-        prior,
-        segment=segment,
-        disturbance_psd=disturbance_psd,
-        unknown_inputs=unknown_inputs,
-        about=about,
-        over=over,
-        criterion=criterion or TraceInverse(),
-        scale=scale,
-        active=active,
-    )
+    settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active, floor)
+    question = build_question(system, path, prior, settings)
+    on = None if flown is None else require_schedule("flown", flown, question.answers.shape)
     options = build_options(tuple(rules), per_segment, question.segments, question.answers)
+    question = settle_unknown_inputs(question, options)
     problem = problem_of(question, options)
-    answer = search(problem, max(0.0, 0.9 * gap - 4 * _MARGIN), question.costs.criterion.gap_kind == "relative")
+    schedule = solve_question(question, problem, gap=gap, time_limit=time_limit)
+    if schedule.status.has_answer:
+        schedule = replace(schedule, compared=compare_schedules(question, problem, per_segment, seed))
+        return schedule if on is None else with_flown(question, problem, schedule, on)
+    if throw:
+        raise SolveError("sensor selection for the filter", schedule.status)
+    return schedule
+
+
+def solve_question(question: FilterQuestion, problem: PosteriorProblem, *, gap: float, time_limit: float | None) -> FilterSchedule:
+    """Return the schedule for a checked question and its problem, compared with nothing."""
+    answer = search(problem, max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN), question.costs.criterion.gap_kind == "relative", time_limit)
     if answer.walk is None:
-        if throw:
-            raise SolveError("sensor selection for the filter", Status.INFEASIBLE)
-        return failed_schedule(question, Status.INFEASIBLE)
-    return certify(question, problem, answer.walk, answer, gap=gap, per_segment=per_segment, seed=seed)
+        names, boundaries = question.system.model.sensor_names, question.path.t[question.nodes]
+        return failed_schedule(
+            names, boundaries, question.path.steps, question.path.x.shape[1], Status.INFEASIBLE, "no schedule keeps the rules"
+        )
+    schedule = certify(question, problem, answer.walk, answer, gap=gap)
+    return replace(schedule, notes=floor_notes(question, problem.options, schedule)) if question.floors.any() else schedule
 
 
-def problem_of(question: FilterQuestion, options: Options) -> PosteriorProblem:
-    """Return the problem that methods work on."""
-    model = question.linear_model
-    maps = segment_maps(model, question.nodes, options.patterns, question.costs)
-    return PosteriorProblem(maps, options, model.initial_covariance, question.costs.is_worst)
+def require_schedule(what: str, schedule: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return a schedule (K, S) as bool, or raise InputError."""
+    on = as_array(what, schedule)
+    if on.shape != shape or not np.isin(on, (0.0, 1.0)).all():
+        raise InputError(f"{what} has shape {on.shape}: must be {shape}, true or false for each segment and sensor")
+    return on > 0
 
 
-def certify(
-    question: FilterQuestion, problem: PosteriorProblem, walk: Walk, answer: Answer, *, gap: float, per_segment: int, seed: int
-) -> FilterSchedule:
-    """Return the record of an answer, its value recomputed by `posterior_information`."""
-    chosen = problem.options.chosen(walk.nodes)
-    J = question.information(chosen)
-    value = question.cost(J) + problem.switching(walk.nodes)
-    bound = _bound(answer.bound, value, walk.value)
+def with_flown(question: FilterQuestion, problem: PosteriorProblem, schedule: FilterSchedule, on: np.ndarray) -> FilterSchedule:
+    """Return the record that also says what the schedule that was flown (K, S) costs, and how far that is from the best at most."""
+    value = question.schedule_cost(on) + switching_of(problem.options, on)
     is_relative = question.costs.criterion.gap_kind == "relative"
-    worth = sensor_prices(question, problem, walk)
-    remaining = (1 - bound / value if value else 0.0) if is_relative else value - bound
-    return FilterSchedule(
-        chosen,
-        value,
-        bound,
-        remaining,
-        standard_deviations(J),
-        Status.OPTIMAL if remaining <= max(gap, 2 * _MARGIN) else Status.GAP_OPEN,
-        answer.bound_by,
-        worth.memory,
-        worth.prices,
-        compare_schedules(question, problem, per_segment, seed),
-        question.path.t[question.nodes],
-        question.system.model.sensor_names,
-    )
+    saved = f"{100 * (1 - schedule.bound / value):.3g} % of it" if is_relative else f"{value - schedule.bound:.3g}"
+    note = f"what was flown costs {value:.4g}: no schedule would have saved more than {saved}"
+    return replace(schedule, compared=(*schedule.compared, ComparedSchedule("what was flown", on, value)), notes=(*schedule.notes, note))
 
 
-def _bound(bound: float, value: float, model_value: float) -> float:
-    """Return a bound less what rounding may have added to it: 1e-9 of the value, and what the model's own value is above the exact one."""
-    error = max(0.0, model_value - value) if np.isfinite(value) else 0.0
-    return min(bound - _MARGIN * abs(model_value) - 10 * error, value)
-
-
-def failed_schedule(question: FilterQuestion, status: Status) -> FilterSchedule:
-    """Return the record of a question without an answer."""
-    K, S = len(question.nodes) - 1, len(question.system.model.channels)
-    return FilterSchedule(
-        np.zeros((K, S), dtype=bool),
-        np.nan,
-        np.nan,
-        np.nan,
-        np.full((question.path.steps, question.path.x.shape[1]), np.nan),
-        status,
-        "nothing",
-        np.nan,
-        np.full((K, S), np.nan),
-        (),
-        question.path.t[question.nodes],
-        question.system.model.sensor_names,
-    )
+def floor_notes(question: FilterQuestion, options: Options, schedule: FilterSchedule) -> tuple[str, ...]:
+    """Return what floors change, in words: what the schedule costs without them, and what one chosen without them costs with them."""
+    without = replace(question, floors=np.zeros_like(question.floors))
+    notes = [f"value and bound count the floors; without them this schedule costs {without.schedule_cost(schedule.chosen):.4g}"]
+    walk = first_walk(problem_of(without, options))
+    if walk is not None:
+        excess = question.schedule_cost(options.chosen(walk.nodes)) / schedule.value - 1
+        if question.costs.criterion.gap_kind == "relative" and excess > _WORTH_SAYING:
+            notes.append(f"a schedule chosen without the floors costs {100 * excess:.0f} % more with them")
+    return tuple(notes)

@@ -17,7 +17,7 @@ class Options:
     """A schedule is a walk through A nodes, one per segment: a pattern of sensors and how long each still has to stay on.
 
     patterns (P, S) bool; pattern_of_node (A,); allowed (K, A) bool; follows (A, A) bool, from row to column; may_start (A,) bool;
-    switch_ons (A + 1, A, S) bool: which sensors a step switches on, from the last row where nothing was on before; switching (S,): what
+    switch_ons (A + 1, A, S) bool: which sensors a step switches on, in the last row the first step; switching (S,): what
     each switching-on costs; resources: what is limited in sum.
     """
 
@@ -37,7 +37,7 @@ class Options:
 
     @cached_property
     def switching_costs(self) -> np.ndarray:
-        """What a step from node to node costs (A + 1, A), from nothing on in the last row."""
+        """What a step from node to node costs (A + 1, A), the first step in the last row."""
         return self.switch_ons @ self.switching
 
     @cached_property
@@ -67,8 +67,10 @@ class Options:
         return self.patterns[self.pattern_of_node[nodes]]
 
 
-def build_options(rules: tuple[AbstractRule, ...], per_segment: int, segments: Segments, answers: np.ndarray) -> Options:
-    """Return the options of rules; answers (K, S) bool: which sensors have a sample at all in a segment.
+def build_options(
+    rules: tuple[AbstractRule, ...], per_segment: int, segments: Segments, answers: np.ndarray, on_before: np.ndarray | None = None
+) -> Options:
+    """Return the options of rules; answers (K, S) bool: which sensors have a sample at all in a segment; on_before (S,): what was on.
 
     Where segments are free of each other, an option that has fewer samples than another allowed one is left out: it is never better.
     Raises InputError for rules that do not fit the segments.
@@ -86,23 +88,26 @@ def build_options(rules: tuple[AbstractRule, ...], per_segment: int, segments: S
     resources = tuple(term.resource for term in terms if term.resource is not None)
     chain = DwellChain(available, patterns, dwell)
     is_free = not (resources or switching.any() or (dwell > 1).any())
-    return _options_of(chain, switching, resources, answers if is_free else None)
+    return _options_of(chain, switching, resources, answers if is_free else None, on_before)
 
 
-def _options_of(chain: DwellChain, switching: np.ndarray, resources: tuple[Resource, ...], answers: np.ndarray | None) -> Options:
+def _options_of(
+    chain: DwellChain, switching: np.ndarray, resources: tuple[Resource, ...], answers: np.ndarray | None, on_before: np.ndarray | None
+) -> Options:
     states, patterns, transitions = chain.states, chain.patterns, chain.transitions
     A = len(states)
     pattern_of_node = _index_of_rows(states >= 0, patterns)
     follows = np.zeros((A, A + 1), dtype=bool)
     follows[np.arange(A)[:, None], transitions] = True
     follows = follows[:, :A]
-    is_on = states >= 0
-    switch_ons = ~np.vstack([is_on, np.zeros((1, is_on.shape[1]), dtype=bool)])[:, None, :] & is_on[None]
+    is_on, before = states >= 0, np.zeros(states.shape[1], dtype=bool) if on_before is None else on_before
+    switch_ons = ~np.vstack([is_on, before])[:, None, :] & is_on[None]
+    may_start = (np.where(before, 0, chain.dwell - 1) == states).astype(bool) | ~is_on  # what was on before has been on for long enough
     allowed_patterns = np.asarray(~(patterns[None] & ~chain.available[:, None, :]).any(axis=2))
     if answers is not None:
         allowed_patterns = _undominated(patterns, allowed_patterns, answers)
     return Options(
-        patterns, pattern_of_node, allowed_patterns[:, pattern_of_node], follows, follows[0].copy(), switch_ons, switching, resources
+        patterns, pattern_of_node, allowed_patterns[:, pattern_of_node], follows, may_start.all(axis=1), switch_ons, switching, resources
     )
 
 
@@ -135,3 +140,10 @@ def _undominated_in_segment(patterns: np.ndarray, is_allowed: np.ndarray, is_ans
     kept = np.zeros(len(patterns), dtype=bool)
     kept[candidates[~is_dominated]] = True
     return kept
+
+
+def switching_of(options: Options, chosen: np.ndarray) -> float:
+    """Return what the switching-ons of a schedule (K, S) cost, whether it keeps the rules or not."""
+    before = np.zeros_like(chosen)
+    before[1:] = chosen[:-1]
+    return float((chosen & ~before).sum(axis=0) @ options.switching)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import as_array, require_known, require_positive, whole_multiple
+from obsdesign.checks import as_array, require_known, require_positive, require_within, whole_multiple
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.path_segments import segments_along
@@ -25,7 +25,8 @@ from obsdesign.selection.posterior.instant_costs import InstantCosts
 from obsdesign.trajectory import Trajectory
 
 Over: TypeAlias = Literal["mean", "worst", "end"] | Sequence[float] | np.ndarray
-_UNKNOWN_SPREAD = 1e3  # of the prior's deviations: how far an unknown input moves some state in a step, in place of any distance
+UNKNOWN_SPREADS = (1e3, 1e4, 1e5, 1e6, 1e7)
+"""What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
 _ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be
 
 
@@ -33,7 +34,9 @@ _ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be
 class FilterQuestion:
     """A run, what is known and what moves the state, and which segments may have which samples.
 
-    nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on.
+    nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on;
+    unknown_spread: how many of the prior's deviations an unknown input moves some state by in a step, in place of any distance; floors
+    (S,): what the mean error of a sensor within a segment never falls below, 0 = nothing, which counts where schedules are chosen.
     """
 
     system: AbstractSystem
@@ -44,6 +47,8 @@ class FilterQuestion:
     arrivals: np.ndarray
     nodes: np.ndarray
     costs: InstantCosts
+    floors: np.ndarray
+    unknown_spread: float = UNKNOWN_SPREADS[0]
 
     @cached_property
     def segments(self) -> Segments:
@@ -58,10 +63,10 @@ class FilterQuestion:
     @cached_property
     def linear_model(self) -> LinearModel:
         """The model along the path; unknown inputs get a large variance in place of an infinite one, so that bounds stay below."""
-        model = linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals)
+        model = linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals).with_floors(self.floors, self.nodes)
         deviations = np.sqrt(np.diag(model.initial_covariance))
         size = np.abs(model.unknown_columns / deviations[:, None]).max(axis=(0, 1), initial=0.0)
-        return model.with_unknown_inputs((_UNKNOWN_SPREAD / np.where(size > 0, size, 1.0)) ** 2)
+        return model.with_unknown_inputs((self.unknown_spread / np.where(size > 0, size, 1.0)) ** 2)
 
     @property
     def answers(self) -> np.ndarray:
@@ -78,7 +83,13 @@ class FilterQuestion:
             self.system, self.path, self.prior, self.disturbance_psd, self.unknown_inputs, self.active(chosen).astype(float)
         )[:-1]
 
-    def cost(self, J: np.ndarray) -> float:
+    def schedule_cost(self, chosen: np.ndarray) -> float:
+        """Return the cost of a schedule (K, S), without what switching costs; with floors of the model that has them."""
+        if self.floors.any():  # posterior_information has none
+            return self.costs.value(self.linear_model.covariances(self.active(chosen)))
+        return self.information_cost(self.information(chosen))
+
+    def information_cost(self, J: np.ndarray) -> float:
         """Return the cost of information J (N, n, n); inf where a state asked about is hidden at an instant that counts."""
         counted = J[self.costs.weights > 0]
         if not np.isfinite(standard_deviations(counted)[:, self.costs.about]).all():
@@ -96,29 +107,41 @@ def _inverse(J: np.ndarray) -> np.ndarray:
     return np.linalg.pinv(J / outer, rcond=1e-15, hermitian=True) / outer
 
 
-def build_question(
-    system: AbstractSystem,
-    path: Trajectory,
-    prior: Prior,
-    *,
-    segment: float | Sequence[float],
-    disturbance_psd: ArrayLike | None,
-    unknown_inputs: Sequence[str],
-    about: Sequence[str] | None,
-    over: Over,
-    criterion: AbstractCriterion,
-    scale: ArrayLike | None,
-    active: np.ndarray | None,
-) -> FilterQuestion:
+@dataclass(frozen=True, eq=False)
+class FilterSettings:
+    """What a user says about a question beside system, path and prior: see `select_for_filter`."""
+
+    segment: float | Sequence[float]
+    disturbance_psd: ArrayLike | None
+    unknown_inputs: Sequence[str]
+    about: Sequence[str] | None
+    over: Over
+    criterion: AbstractCriterion
+    scale: ArrayLike | None
+    active: np.ndarray | None
+    floor: Mapping[str, float] | None
+
+
+def build_question(system: AbstractSystem, path: Trajectory, prior: Prior, settings: FilterSettings) -> FilterQuestion:
     """Return what is asked, or raise InputError for what does not fit."""
     names = system.model.state_names
-    arrivals = weights_of(system, path, active)
-    if criterion.knowledge is not None:
-        raise InputError(f"criterion is {type(criterion).__name__}: must be TraceInverse(), MinEigenvalue() or LogDet()")
-    weights, is_worst = _weights(over, path.steps)
-    places = _places(names, about)
-    costs = InstantCosts(criterion, places, _scale(scale, names)[places], weights, is_worst)
-    question = FilterQuestion(system, path, prior, disturbance_psd, tuple(unknown_inputs), arrivals, segment_nodes(path, segment), costs)
+    arrivals = weights_of(system, path, settings.active)
+    if settings.criterion.knowledge is not None:
+        raise InputError(f"criterion is {type(settings.criterion).__name__}: must be TraceInverse(), MinEigenvalue() or LogDet()")
+    weights, is_worst = _weights(settings.over, path.steps)
+    places = _places(names, settings.about)
+    costs = InstantCosts(settings.criterion, places, _scale(settings.scale, names)[places], weights, is_worst)
+    question = FilterQuestion(
+        system,
+        path,
+        prior,
+        settings.disturbance_psd,
+        tuple(settings.unknown_inputs),
+        arrivals,
+        segment_nodes(path, settings.segment),
+        costs,
+        _floors(settings.floor, system.model.sensor_names),
+    )
     question.disturbance  # noqa: B018  # refuses what does not fit before any work
     return question
 
@@ -132,6 +155,14 @@ def _places(names: tuple[str, ...], about: Sequence[str] | None) -> np.ndarray:
     if not given or len(set(given)) < len(given):
         raise InputError(f"about is {about!r}: must be different names of states, at least one ({', '.join(names)})")
     return np.array([names.index(name) for name in given])
+
+
+def _floors(floor: Mapping[str, float] | None, sensors: tuple[str, ...]) -> np.ndarray:
+    """Return the floor of each sensor (S,), 0 for those that have none."""
+    require_known("floor", tuple(floor or ()), sensors)
+    for name, value in (floor or {}).items():
+        require_within(f"floor of {name}", value)
+    return np.array([(floor or {}).get(name, 0.0) for name in sensors])
 
 
 def _scale(scale: ArrayLike | None, names: tuple[str, ...]) -> np.ndarray:

@@ -1,0 +1,69 @@
+"""The record of an answer: values recomputed apart from the search, bounds less what rounding may have added."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obsdesign.round_off import standard_deviations
+from obsdesign.selection.posterior.bounded_search import Answer
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
+from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
+from obsdesign.selection.posterior.questions import FilterQuestion
+from obsdesign.selection.posterior.sensor_prices import sensor_prices
+from obsdesign.status import Status
+
+ROUNDING_MARGIN = 1e-9
+"""Of a cost: what rounding may add to a bound."""
+
+
+def certify(
+    question: FilterQuestion,
+    problem: PosteriorProblem,
+    walk: Walk,
+    answer: Answer,
+    *,
+    gap: float,
+) -> FilterSchedule:
+    """Return the record of an answer, its value recomputed by `posterior_information`, or with floors by a Kalman filter."""
+    chosen = problem.options.chosen(walk.nodes)
+    value = question.schedule_cost(chosen) + problem.switching(walk.nodes)
+    bound = _bound(answer.bound, value, walk.value, bool(question.disturbance.unknown))
+    is_relative = question.costs.criterion.gap_kind == "relative"
+    remaining = (1 - bound / value if value else 0.0) if is_relative else value - bound
+    worth = sensor_prices(question, problem, walk)
+    return FilterSchedule(
+        chosen,
+        value,
+        bound,
+        remaining,
+        standard_deviations(question.information(chosen)),
+        Status.OPTIMAL if remaining <= max(gap, 2 * ROUNDING_MARGIN) else Status.GAP_OPEN,
+        answer.bound_by,
+        worth.memory,
+        worth.prices,
+        (),
+        question.path.t[question.nodes],
+        question.system.model.sensor_names,
+    )
+
+
+def _bound(bound: float, value: float, searched_value: float, has_unknown_inputs: bool) -> float:
+    """Return a bound less what rounding may have added to it.
+
+    That is 1e-9 of the value, and ten times what the search takes the schedule to cost above what it does. With unknown inputs the
+    search takes it to cost less, and what rounding did does not show: ten times the difference either way.
+    """
+    difference = searched_value - value if np.isfinite(value) else 0.0
+    error = abs(difference) if has_unknown_inputs else max(0.0, difference)
+    return min(bound - ROUNDING_MARGIN * abs(searched_value) - 10 * error, value)
+
+
+def failed_schedule(
+    sensors: tuple[str, ...], boundaries: np.ndarray, steps: int, states: int, status: Status, reason: str
+) -> FilterSchedule:
+    """Return the record without an answer: nothing on in the segments between boundaries (K+1,), NaN for N steps of n states."""
+    K, S = len(boundaries) - 1, len(sensors)
+    unknown = np.full((K, S), np.nan)
+    predicted = np.full((steps, states), np.nan)
+    off = np.zeros((K, S), dtype=bool)
+    return FilterSchedule(off, np.nan, np.nan, np.nan, predicted, status, "nothing", np.nan, unknown, (), boundaries, sensors, (reason,))
