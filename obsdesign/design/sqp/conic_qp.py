@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -125,29 +126,35 @@ def _unpack_solution(qp: ConicQP, x: np.ndarray, z: np.ndarray, slack_column: in
 
 def _sparse_upper_triangle(B: np.ndarray, width: int) -> sparse.csc_matrix:
     """Return the upper triangle of B (q, q), padded with zeros to (width, width)."""
-    columns, rows, ends = _triangle_pattern(len(B), width)
-    return sparse.csc_matrix((B[rows, columns], rows, ends), shape=(width, width))
+    rows, columns, _ = upper_triangle(len(B))
+    return _with_entries(_triangle_pattern(len(B), width), B[rows, columns])
 
 
 @lru_cache(16)
-def _triangle_pattern(q: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rows, columns, _ = upper_triangle(q)
+def _triangle_pattern(q: int, width: int) -> sparse.csc_matrix:
+    rows, _, _ = upper_triangle(q)
     ends = np.arange(q + 1) * np.arange(1, q + 2) // 2
-    return columns, rows, np.concatenate([ends, np.full(width - q, ends[-1])])
+    return sparse.csc_matrix((np.ones(len(rows)), rows, np.concatenate([ends, np.full(width - q, ends[-1])])), shape=(width, width))
 
 
 def _constraint_matrix(dense: np.ndarray, q: int, T: int) -> sparse.csc_matrix:
     """Return [I 0; -I 0; dense], the bounds of the q first variables above rows without structure."""
-    indices, ends = _sparsity_pattern(q, T, len(dense))
     bounds = np.empty((q, 2 + len(dense)))
     bounds[:, 0], bounds[:, 1], bounds[:, 2:] = 1.0, -1.0, dense[:, :q].T
-    data = np.concatenate([bounds.ravel(), dense[:, q:].T.ravel()])
-    return sparse.csc_matrix((data, indices, ends), shape=(2 * q + len(dense), q + T + 1))
+    return _with_entries(_constraint_pattern(q, T, len(dense)), np.concatenate([bounds.ravel(), dense[:, q:].T.ravel()]))
 
 
 @lru_cache(64)
-def _sparsity_pattern(q: int, T: int, row_count: int) -> tuple[np.ndarray, np.ndarray]:
+def _constraint_pattern(q: int, T: int, row_count: int) -> sparse.csc_matrix:
     row_indices = 2 * q + np.arange(row_count)
     first = [np.concatenate([[j, q + j], row_indices]) for j in range(q)]
     ends = np.cumsum([0, *([row_count + 2] * q), *([row_count] * (T + 1))])
-    return np.concatenate([*first, *([row_indices] * (T + 1))]), ends
+    indices = np.concatenate([*first, *([row_indices] * (T + 1))])
+    return sparse.csc_matrix((np.ones(len(indices)), indices, ends), shape=(2 * q + row_count, q + T + 1))
+
+
+def _with_entries(pattern: sparse.csc_matrix, entries: np.ndarray) -> sparse.csc_matrix:
+    """Return a matrix with the rows and columns of another, which is made and looked through once."""
+    matrix = copy(pattern)
+    matrix.data = entries
+    return matrix

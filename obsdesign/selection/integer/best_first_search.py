@@ -97,10 +97,11 @@ def search_best_first(
         nodes = _root_node(problem, relaxation)
         while not out_of_time() and count < max_nodes:
             threshold = cutoff(value, gap, instance) / unit
-            nodes = nodes.subset(nodes.bound > threshold)
-            if not len(nodes.bound):
+            is_open = np.flatnonzero(nodes.bound > threshold)
+            order = is_open[np.argsort(-nodes.bound[is_open], kind="stable")]
+            if not len(order):
+                nodes = nodes.subset(order)
                 break
-            order = np.argsort(-nodes.bound, kind="stable")
             children, steps = _branches(problem, nodes.subset(order[:_WIDTH]), _SCALE * (1 - value / unit), threshold)
             count += len(children.bound)
             is_complete = (children.allowed.sum(axis=2) == 1).all(axis=1)

@@ -56,6 +56,14 @@ class SmoothedDual:
         i, j = np.tril_indices(self.increments.shape[2])
         return self.flat[:, i] * self.flat[:, j]
 
+    @cached_property
+    def product_index(self) -> np.ndarray:
+        """Where the product of entries i and j (c, c) stands among the products."""
+        i, j = np.tril_indices(self.increments.shape[2])
+        index = np.empty((self.increments.shape[2],) * 2, dtype=int)
+        index[i, j] = index[j, i] = np.arange(len(i))
+        return index
+
     @property
     def entries(self) -> int:
         """How many entries of y are those of Z."""
@@ -145,11 +153,11 @@ def quadratic_models(problem: SmoothedDual, points: DualPoints) -> QuadraticMode
     mu = points.y[:, entries:]
     mean = np.matmul(shares.swapaxes(0, 1), problem.increments).swapaxes(0, 1)
     barrier = np.concatenate([svec(inverse).reshape(N, entries), 1 / mu], axis=1)
-    i, j = np.tril_indices(c)
-    H = np.empty((N, c, c))
-    H[:, i, j] = H[:, j, i] = shares.reshape(N, -1) @ problem.products
-    rounding = 4 * c * _EPS * np.diagonal(H, axis1=1, axis2=2)[:, :, None] * np.eye(c)
-    H = (H + rounding - mean.swapaxes(1, 2) @ mean) / tau
+    H = np.take(shares.reshape(N, -1) @ problem.products, problem.product_index, axis=1)
+    diagonal = np.einsum("nii->ni", H)  # a view
+    diagonal += 4 * c * _EPS * diagonal  # rounding
+    H -= mean.swapaxes(1, 2) @ mean
+    H /= tau
     d = entries // problem.scenarios
     basis = smat(np.eye(d), problem.n)
     for r in range(problem.scenarios):
