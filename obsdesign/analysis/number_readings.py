@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from obsdesign.analysis.engine_result import NEARLY_SINGULAR_PIVOT, EngineResult
 from obsdesign.analysis.equations import Equations, likely_value, literal_value
 from obsdesign.analysis.evaluation_point import EvaluationPoint
+from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.rank_within_rounding import constants_within_rounding, neighbour_within_rounding, states_within_rounding
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.rank.exact_numbers import ExactNumber, Irrational, Number
@@ -26,6 +27,11 @@ class QueryResult:
 
 class AbstractQuery(ABC):
     """What is asked, but for the point and for how the model's numbers are read."""
+
+    @property
+    @abstractmethod
+    def is_smooth(self) -> bool:
+        """Whether the known inputs are one smooth signal."""
 
     @abstractmethod
     def analyse(self, point: EvaluationPoint | None, reading: Callable[[float], ExactNumber]) -> QueryResult:
@@ -59,16 +65,19 @@ def _check_neighbours(query: AbstractQuery, query_result: QueryResult, verdict: 
     if not numbers:
         return verdict
     result, n = query_result.result, verdict.null_space.shape[0]
-    neighbour = neighbour_within_rounding(
-        query_result.equations, query_result.point or result.point, numbers, result.dimension, len(result.ranks) - 1, seed
-    )
+    place, order = query_result.point or result.point, len(result.ranks) - 1
+    count = 2 if query_result.equations.known_fields and not query.is_smooth else 1
+    experiments = Experiments(query_result.equations, place, order, count, seed)
+    neighbour = neighbour_within_rounding(experiments, numbers, result.dimension)
     if neighbour is None:
         return verdict
-    words = f"within the rounding of the numbers given it is {neighbour.rank.rank} of {n}"
+    where, what = "within the rounding of the numbers given it", f"{neighbour.rank.rank} of {n}"
     if not neighbour.moves_constants:
-        return replace(verdict, proof=f"{verdict.proof}; {words}")
+        return replace(verdict, proof=f"{verdict.proof}; {where} is {what}")
     lower = min(result.rank, neighbour.rank, key=lambda rank: rank.rank)
-    undecided = replace(result, rank=lower, stopped_by="precision", reason=f"not decided: as they stand it is {result.dimension}, {words}")
+    undecided = replace(
+        result, rank=lower, stopped_by="precision", reason=f"not decided: as they stand it is {result.dimension}, {where} may be {what}"
+    )
     return query.verdict(replace(query_result, result=undecided))
 
 

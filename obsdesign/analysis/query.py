@@ -102,6 +102,11 @@ class _ObservabilityQuery(AbstractQuery):
     method: Literal["recursion", "jets"]
     orders: int | None
 
+    @property
+    def is_smooth(self) -> bool:
+        """Whether the known inputs are one smooth signal."""
+        return self.known_inputs == "smooth"
+
     def analyse(self, point: EvaluationPoint | None, reading: Callable[[float], ExactNumber]) -> QueryResult:
         """Return the verdict at the place, or at generic points; reading: what a constant of the model stands for."""
         equations = equations_of(self.augmented_model, self.held, origin_of(point) if point else None, reading)
@@ -125,7 +130,7 @@ class _ObservabilityQuery(AbstractQuery):
             Experiments(equations, point, 2, seed=self.seed).rank(2)  # raises where a derivative has no value
         region = SamplingRegion(equations.n, self.seed, point)
         equations = restrict_to_piece(equations, region)
-        smooth = self.known_inputs == "smooth"
+        smooth = self.is_smooth
         if self.method == "jets":
             at_point = (
                 analyse_jets_at(equations, smooth, point, self.seed, self.orders)

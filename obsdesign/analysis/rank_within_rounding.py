@@ -1,4 +1,7 @@
-"""Points within the rounding of the numbers given at which the rank is lower.
+"""Points within the rounding of the numbers given at which the rank is another.
+
+Constants may have been rounded before they were read: where bounds do not exclude another rank within the rounding, nothing is decided
+(`dimension_bounds`). A point is taken as it was typed; that the rank is another where its own numbers differ is shown, and said.
 
 Let p be the numbers that may be rounded, d_i how far each may be from what was meant. After r pivots of the Jacobian J(p) what is left
 is S(p) = J_22 - J_21 J_11^-1 J_12: the rank is r where S = 0. With S(p) small, the smallest t (in units of d) with
@@ -9,16 +12,16 @@ no more than r is seen within the rounding.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import flint
 
+from obsdesign.analysis.dimension_bounds import lower_bound, upper_bound
 from obsdesign.analysis.equations import Equations
-from obsdesign.analysis.evaluation_point import EvaluationPoint
 from obsdesign.analysis.experiments import Experiments
-from obsdesign.analysis.modular_points import random_modular_point
+from obsdesign.analysis.modular_points import modular_point
 from obsdesign.analysis.vanishing_minors import Elimination, MovablePoint, RoundedNumber, leading_columns, vanishing_points
 from obsdesign.rank.decimal_reading import MAX_ULPS, is_exact, is_residue
 from obsdesign.rank.elimination import Rank, rank_of
@@ -45,7 +48,7 @@ def constants_within_rounding(equations: Equations) -> list[RoundedNumber]:
     return [
         RoundedNumber(True, equations.values.index(number), _rounding_distance(value))
         for value, number in equations.readings
-        if not is_exact(value)
+        if not is_exact(value) and number in equations.values  # no symbol stands for what is read as 0 or 1
     ]
 
 
@@ -59,33 +62,44 @@ def _rounding_distance(value: float) -> Fraction:
     return Fraction(abs(value)) if is_cancellation else MAX_ULPS * Fraction(math.ulp(value))
 
 
-def neighbour_within_rounding(
-    equations: Equations, point: EvaluationPoint, numbers: Sequence[RoundedNumber], rank: int, order: int, seed: int
-) -> RoundingNeighbour | None:
+def neighbour_within_rounding(experiments: Experiments, numbers: Sequence[RoundedNumber], rank: int) -> RoundingNeighbour | None:
     """Return another rank at a point within rounding; None where there is none, or none is found.
 
-    rank, order: the rank at the place, and the order of derivatives at which it was reached. The rank of what is asked about is
+    experiments: at the place, with derivatives up to the order at which the rank was reached. The rank of what is asked about is
     rank J - rank J_w: it is lower where J loses a pivot, and higher where J_w does, so that a row of J is free of unknown inputs.
     """
-    is_full = rank == equations.n_queried
-    orders = min(2 * equations.n + 12 if equations.n <= _FEW_STATES else max(order, equations.n) + 1, _MAX_ORDER)
-    nominal = MovablePoint(Experiments(equations, point, orders, 2 if equations.known_fields else 1, seed))
+    n, order, is_full = experiments.equations.n, experiments.orders, rank == experiments.equations.n_queried
+    orders = min(2 * n + 12 if n <= _FEW_STATES else max(order, n) + 1, _MAX_ORDER)
+    nominal = MovablePoint(replace(experiments, orders=orders, count=_sufficient_count(experiments)))
     with flint.ctx.workprec(_BITS // 4):
-        enclosure = MovablePoint(replace(nominal.experiments, orders=order)).within(numbers)
+        enclosure = MovablePoint(experiments).within(numbers)
         keeps_rank = _has_rank_at_least(enclosure, rank)
         if keeps_rank and (is_full or _keeps_input_rank(nominal, nominal.within(numbers))):
             return None
+    states, constants = ([number for number in numbers if number.is_constant is kind] for kind in (False, True))
+    fewer_orders = min(max(order, n) + 1 if nominal.experiments.count == 1 else 2 * n + 2, orders)
+    few = MovablePoint(replace(nominal.experiments, orders=fewer_orders))  # beyond these no space grows, and digits are lost
     with flint.ctx.workprec(_BITS):
-        enclosure = nominal.within(numbers)
-        searched = any(number.is_constant for number in numbers) or _operations(nominal, numbers) <= _SEARCHED
-        lower = (
-            _neighbour_of_lower_rank(nominal, enclosure, numbers, rank, order)
-            if searched and not keeps_rank and not _has_rank_at_least(enclosure, rank)
-            else None
+        lower = higher = None
+        if not keeps_rank:
+            lower = _neighbour_of_lower_rank(nominal, states, rank, order) or _neighbour_below(few, constants, rank, order)
+        if not is_full:
+            higher = _neighbour_of_higher_rank(nominal, states, rank) or _neighbour_above(few, constants, rank)
+        return lower if lower and lower.moves_constants else higher or lower
+
+
+def _sufficient_count(experiments: Experiments) -> int:
+    """Return how many experiments it takes until more of them tell nothing more: 1 for one signal."""
+    if experiments.count == 1:
+        return 1
+    try:
+        orders, residues = (
+            max(experiments.orders, experiments.equations.n) + 1,
+            modular_point(experiments.equations, experiments.point.state),
         )
-        return lower or (
-            None if is_full or _keeps_input_rank(nominal, enclosure) else _neighbour_of_higher_rank(nominal, enclosure, numbers, rank)
-        )
+        return replace(experiments, point=residues, orders=orders).complete().count
+    except ZeroDivisionError:  # a pole
+        return experiments.count
 
 
 def _operations(at: MovablePoint, numbers: Sequence[RoundedNumber]) -> int:
@@ -94,37 +108,32 @@ def _operations(at: MovablePoint, numbers: Sequence[RoundedNumber]) -> int:
     return len(numbers) * experiments.count * experiments.orders**2 * experiments.equations.n**2
 
 
-def _neighbour_of_lower_rank(
-    nominal: MovablePoint, enclosure: MovablePoint, numbers: Sequence[RoundedNumber], rank: int, order: int
-) -> RoundingNeighbour | None:
-    """Return the rank where a pivot of J vanishes.
+def _neighbour_of_lower_rank(nominal: MovablePoint, states: Sequence[RoundedNumber], rank: int, order: int) -> RoundingNeighbour | None:
+    """Return the rank where a pivot of J vanishes and the states alone differ.
 
     Derivatives of the lowest orders that show the rank are looked at first: where their rank is lower nowhere, that of more is not.
     """
+    if not states or _operations(nominal, states) > _SEARCHED:
+        return None
+    enclosure = nominal.within(states)
+    if _has_rank_at_least(enclosure, rank):
+        return None
     with flint.ctx.workprec(_FEWER_BITS):
-        if not _may_be_lower(nominal, numbers, rank, order):
+        if not _may_be_lower(nominal, states, rank, order):
             return None
     elimination = _eliminate(nominal, enclosure, rank)
-    for perturbed, pivot_positions, moves_constants in (
-        vanishing_points(nominal, numbers, elimination, nominal.width) if elimination else ()
-    ):
+    for perturbed, pivot_positions in vanishing_points(nominal, states, elimination, nominal.width) if elimination else ():
         remaining = [perturbed[i] for i, _ in pivot_positions]
-        lower_rank = rank_of(
-            lambda rows=remaining: rows, nominal.width - nominal.n_eliminated, nominal.n_eliminated, confirm=False, precisions=(_BITS,)
-        )
-        return RoundingNeighbour(lower_rank, moves_constants)
+        return RoundingNeighbour(_rank_beyond(remaining, nominal.n_eliminated), False)
     return None
 
 
 def _may_be_lower(at: MovablePoint, numbers: Sequence[RoundedNumber], rank: int, order: int) -> bool:
     """Return whether a pivot of the fewest rows of J that show the rank vanishes within rounding: more rows only ask for more."""
-    while order < at.experiments.orders:
-        for count in range(1, at.experiments.count + 1):
-            few = MovablePoint(replace(at.experiments, orders=order, count=count))
-            elimination = _eliminate(few, few.within(numbers), rank)
-            if elimination:
-                return next(vanishing_points(few, numbers, elimination, few.width), None) is not None
-        order = order + order // 2 + 1
+    for few in _with_more_rows(at, order):
+        elimination = _eliminate(few, few.within(numbers), rank) if few is not at else None
+        if elimination:
+            return next(vanishing_points(few, numbers, elimination, few.width), None) is not None
     return True
 
 
@@ -141,26 +150,56 @@ def _eliminate(at: MovablePoint, box: MovablePoint, rank: int) -> Elimination | 
     return Elimination(scales, [pivot for _, pivot in pivots], n_certain)
 
 
-def _neighbour_of_higher_rank(
-    nominal: MovablePoint, enclosure: MovablePoint, numbers: Sequence[RoundedNumber], rank: int
-) -> RoundingNeighbour | None:
-    """Return the rank where a pivot of J_w vanishes, if it is higher there.
+def _neighbour_of_higher_rank(nominal: MovablePoint, states: Sequence[RoundedNumber], rank: int) -> RoundingNeighbour | None:
+    """Return the rank where a pivot of J_w vanishes and the states alone differ, if it is higher there.
 
     Columns of J_w without a pivot are combinations of those with one where the rest of J_w vanishes: they are left out.
     """
-    rows = enclosure.rows_as_balls()
-    if not _are_finite(rows):
+    enclosure = nominal.within(states)
+    rows, n_inputs = enclosure.rows_as_balls(), nominal.n_eliminated
+    if not states or not _are_finite(rows) or _keeps_input_rank(nominal, enclosure):
         return None
-    n_inputs = nominal.n_eliminated
     scales = scales_of([row[:n_inputs] for row in rows])
     pivots = pivots_of(scales.apply(leading_columns(nominal.rows(), n_inputs)), n_inputs)
     elimination = Elimination(scales, [pivot for _, pivot in pivots], sum(size > SMALL_PIVOT for size, _ in pivots))
-    for perturbed, pivot_positions, moves_constants in vanishing_points(nominal, numbers, elimination, n_inputs):
-        reduced = [[row[j] for _, j in pivot_positions] + row[n_inputs:] for row in perturbed]
-        higher_rank = rank_of(lambda rows=reduced: rows, nominal.width - n_inputs, len(pivot_positions), confirm=False, precisions=(_BITS,))
+    for perturbed, pivot_positions in vanishing_points(nominal, states, elimination, n_inputs):
+        higher_rank = _rank_beyond([[row[j] for _, j in pivot_positions] + row[n_inputs:] for row in perturbed], len(pivot_positions))
         if higher_rank.rank > rank:
-            return RoundingNeighbour(higher_rank, moves_constants)
+            return RoundingNeighbour(higher_rank, False)
     return None
+
+
+def _rank_beyond(rows: Rows, n_eliminated: int) -> Rank:
+    return rank_of(lambda: rows, len(rows[0]) - n_eliminated, n_eliminated, confirm=False, precisions=(_BITS,))
+
+
+def _neighbour_below(nominal: MovablePoint, constants: Sequence[RoundedNumber], rank: int, order: int) -> RoundingNeighbour | None:
+    """Return a lower rank where the constants differ, if it may be lower; derivatives of the lowest orders are looked at first."""
+    bound = None
+    for at in _with_more_rows(nominal, order) if constants else ():
+        if _holds(at.within(constants).rows_as_balls(), rank + _max_input_rank(at.experiments)):
+            return None
+        bound = lower_bound(at, constants, rank)
+        if bound is None:
+            return None
+    return RoundingNeighbour(bound, True) if bound else None
+
+
+def _neighbour_above(nominal: MovablePoint, constants: Sequence[RoundedNumber], rank: int) -> RoundingNeighbour | None:
+    """Return a higher rank where the constants differ, if it may be higher."""
+    if not constants or _keeps_input_rank(nominal, nominal.within(constants)):
+        return None
+    bound = upper_bound(nominal, constants)
+    return RoundingNeighbour(bound, True) if bound.rank > rank else None
+
+
+def _with_more_rows(at: MovablePoint, order: int) -> Iterator[MovablePoint]:
+    """Yield the place with derivatives up to the order, then up to higher ones, and with more experiments each time."""
+    while order < at.experiments.orders:
+        for count in range(1, at.experiments.count + 1):
+            yield MovablePoint(replace(at.experiments, orders=order, count=count))
+        order = order + order // 2 + 1
+    yield at
 
 
 def _has_rank_at_least(points: MovablePoint, rank: int) -> bool:
@@ -169,22 +208,17 @@ def _has_rank_at_least(points: MovablePoint, rank: int) -> bool:
 
 
 def _keeps_input_rank(at: MovablePoint, points: MovablePoint) -> bool:
-    """Return whether the rank of J_w is nowhere less than at the point, by proof."""
+    """Return whether the rank of J_w is nowhere less than it is at most at the place, by proof."""
     if not points.n_eliminated:
         return True
-    rows = leading_columns(points.rows_as_balls(), points.n_eliminated)
-    if _are_finite(rows) and holds_rank(rows, _max_input_rank(at.experiments)):
-        return True
-    midpoints = [[entry.mid() for entry in row] for row in rows]
-    midpoint_rank = rank_of(lambda: midpoints, points.n_eliminated, confirm=False, precisions=(flint.ctx.prec,)).rank
-    return _rank_at_least(rows, 0, midpoint_rank)
+    return _rank_at_least(leading_columns(points.rows_as_balls(), points.n_eliminated), 0, _max_input_rank(at.experiments))
 
 
 def _max_input_rank(experiments: Experiments) -> int:
-    """Return what the rank of J_w is at most with these constants (modulo the prime)."""
+    """Return what the rank of J_w is at most at the place (modulo the prime)."""
     try:
-        modular_point = random_modular_point(experiments.equations, experiments.seed)
-        return replace(experiments, point=modular_point).bound(experiments.orders).n_eliminated
+        residues = replace(experiments, point=modular_point(experiments.equations, experiments.point.state))
+        return residues.bound(experiments.orders).n_eliminated
     except ZeroDivisionError:  # a pole
         return experiments.n_eliminated
 
@@ -195,6 +229,10 @@ def _rank_at_least(rows: Rows, n_eliminated: int, rank: int) -> bool:
     if not n_eliminated and holds_rank(rows, rank):
         return True
     return rank_of(lambda: rows, len(rows[0]) - n_eliminated, n_eliminated, confirm=False, precisions=(flint.ctx.prec,)).rank >= rank
+
+
+def _holds(rows: Rows, rank: int) -> bool:
+    return _are_finite(rows) and holds_rank(rows, rank)
 
 
 def _are_finite(rows: Rows) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+import flint
 import numpy as np
 from flint import arb, arb_mat
 
@@ -13,7 +14,6 @@ from obsdesign.analysis.experiments import Experiments
 from obsdesign.rank.exact_numbers import Number, as_ball
 from obsdesign.rank.pivoting import Complement, Pivots, RowColumnScales, Rows, complement_of
 
-_STEP = 96  # of differences: 2^-96 of the distance
 _VANISHED = 1e-6  # of what was left: Newton's method leaves its square
 _MAX_STEP = 1.5  # units of rounding: the smallest sum of squares is not the smallest largest step
 
@@ -78,36 +78,33 @@ class MovablePoint:
 
 def vanishing_points(
     at: MovablePoint, numbers: Sequence[RoundedNumber], elimination: Elimination, width: int
-) -> Iterator[tuple[Rows, Pivots, bool]]:
-    """Yield J at the points within rounding where what some of the pivots leave of its first columns vanishes, these pivots, and whether
-    constants differ there; states are moved first."""
+) -> Iterator[tuple[Rows, Pivots]]:
+    """Yield J at the points within rounding where what some of the pivots leave of its first columns vanishes, and these pivots."""
     scales, pivots = elimination.scales, elimination.pivots
     J = scales.apply(leading_columns(at.rows(), width))
     first = complement_of(J, pivots[: elimination.n_certain]) if elimination.n_certain < len(pivots) else None
     if first is None:
         return
-    states = [number for number in numbers if not number.is_constant]
-    changes = dict(zip(numbers, _changes(at, numbers, scales, first), strict=True))
+    changes = list(changes_along(at, numbers, scales, first))
     for count in range(elimination.n_certain, len(pivots)):
         complement = complement_of(J, pivots[:count])
-        for chosen in (states, numbers) if len(states) < len(numbers) else (states,):
-            steps = _steps(complement, first, [changes[number] for number in chosen]) if complement and chosen else None
-            if complement and steps:
-                neighbour = at.move(chosen, [number.distance * Fraction(step) for number, step in zip(chosen, steps, strict=True)])
-                after = complement_of(scales.apply(leading_columns(neighbour.rows(), width)), pivots[:count])
-                if after and after.size < _VANISHED * complement.size:
-                    yield neighbour.rows_as_balls(), pivots[:count], any(number.is_constant for number in chosen)
+        steps = _steps(complement, first, changes) if complement else None
+        if complement and steps:
+            neighbour = at.move(numbers, [number.distance * Fraction(step) for number, step in zip(numbers, steps, strict=True)])
+            after = complement_of(scales.apply(leading_columns(neighbour.rows(), width)), pivots[:count])
+            if after and after.size < _VANISHED * complement.size:
+                yield neighbour.rows_as_balls(), pivots[:count]
 
 
-def _changes(at: MovablePoint, numbers: Sequence[RoundedNumber], scales: RowColumnScales, complement: Complement) -> Iterator[arb_mat]:
+def changes_along(at: MovablePoint, numbers: Sequence[RoundedNumber], scales: RowColumnScales, complement: Complement) -> Iterator[arb_mat]:
     """Yield for every number the change dJ right, to first order, as it is off by its distance; J scaled."""
     directions = scales.of_directions(complement.right.tolist())
     beyond = [[arb(0)] * complement.right.ncols() for _ in range(at.width - len(directions))]
     along = arb_mat([*directions, *beyond])
-    before = at.experiments.along(along)
+    before, fineness = at.experiments.along(along), flint.ctx.prec // 3
     for number in numbers:
-        after = at.move([number], [number.distance / 2**_STEP]).experiments.along(along)
-        yield arb_mat(scales.of_rows(((after - before) * arb(2) ** _STEP).mid().tolist()))
+        after = at.move([number], [number.distance / 2**fineness]).experiments.along(along)
+        yield arb_mat(scales.of_rows(((after - before) * arb(2) ** fineness).mid().tolist()))
 
 
 def _steps(complement: Complement, first: Complement, changes: Sequence[arb_mat]) -> list[float] | None:

@@ -21,6 +21,10 @@ class RowColumnScales:
     rows: tuple[int, ...]
     columns: tuple[int, ...]
 
+    def leading(self, width: int) -> RowColumnScales:
+        """Return the scales of the first columns."""
+        return RowColumnScales(self.rows, self.columns[:width])
+
     def apply(self, rows: Rows) -> Rows:
         """Return the rows scaled."""
         exponents = zip(rows, self.rows, strict=True)
@@ -65,11 +69,13 @@ def pivots_of(rows: Rows, n_first: int) -> list[tuple[float, tuple[int, int]]]:
 class Complement:
     """The Schur complement S = J_22 - J_21 J_11^-1 J_12 that pivots leave of J, and its slopes dS = left dJ right.
 
-    left = [-J_21 J_11^-1, 1], right = [-J_11^-1 J_12; 1], in the order of J's rows and columns; rest: the columns without a pivot.
+    left = [-J_21 J_11^-1, 1], right = [-J_11^-1 J_12; 1], in the order of J's rows and columns; below, rest: the rows and the columns
+    without a pivot.
     """
 
     left: arb_mat
     right: arb_mat
+    below: list[int]
     rest: list[int]
     value: list[arb]
 
@@ -77,6 +83,11 @@ class Complement:
     def size(self) -> arb:
         """Largest entry of S."""
         return max((abs(entry) for entry in self.value), default=arb(0))
+
+    def position(self, k: int) -> tuple[int, int]:
+        """Return row and column of J of entry k of S."""
+        i, j = divmod(k, len(self.rest))
+        return self.below[i], self.rest[j]
 
     def slope(self, change: arb_mat, fewer: Complement) -> list[arb]:
         """Return dS row by row, from dJ right of the complement of the first of these pivots."""
@@ -98,7 +109,7 @@ def complement_of(rows: Rows, pivots: Pivots) -> Complement | None:
     except ZeroDivisionError:
         return None
     value = _middle(left * (arb_mat(rows) * right))
-    return Complement(left.mid(), right.mid(), rest, value)
+    return Complement(left.mid(), right.mid(), below, rest, value)
 
 
 def _part(rows: Rows, chosen: Sequence[int], columns: Sequence[int]) -> arb_mat:
@@ -120,26 +131,43 @@ def _middle(matrix: arb_mat) -> list[arb]:
 
 
 def holds_rank(rows: Rows, rank: int) -> bool:
-    """Return whether every matrix in the balls (m, n) has at least this rank, by proof, if that shows in doubles.
+    """Return whether every matrix in the balls (m, n) has at least this rank, by proof, if that shows in doubles."""
+    return proven_minor(rows, rank) is not None
+
+
+def proven_minor(rows: Rows, rank: int) -> Pivots | None:
+    """Return rows and columns of a minor of this size that vanishes nowhere in the balls (m, n); None where doubles do not show one.
 
     A minor A is chosen by QR decompositions with pivoting; with R near the inverse of its midpoint, R A = 1 + E is invertible where the
     rows of |E| sum to less than 1.
     """
     if not rank:
-        return True
+        return []
     if rank > min(len(rows), len(rows[0])):
-        return False
+        return None
     values = np.array([[float(entry.mid()) for entry in row] for row in scales_of(rows).apply(rows)])
     if not np.isfinite(values).all():
-        return False
+        return None
     columns = _leading_columns(values, rank)
     chosen = _leading_columns(values[:, columns].T, rank)
     A = _part(rows, chosen, columns)
     try:
         E = A.mid().inv().mid() * A
     except ZeroDivisionError:
-        return False
-    return all(sum((abs(E[i, j] - int(i == j)) for j in range(rank)), arb(0)) < 1 for i in range(rank))
+        return None
+    is_proven = all(sum((abs(E[i, j] - int(i == j)) for j in range(rank)), arb(0)) < 1 for i in range(rank))
+    return list(zip(chosen, columns, strict=True)) if is_proven else None
+
+
+def largest_proven_minor(rows: Rows) -> Pivots:
+    """Return rows and columns of a minor that vanishes nowhere in the balls (m, n), as large as doubles show one, by bisection."""
+    pivots: Pivots = []
+    too_large = min(len(rows), len(rows[0])) + 1
+    while len(pivots) + 1 < too_large:
+        size = (len(pivots) + too_large) // 2
+        minor = proven_minor(rows, size)
+        pivots, too_large = (minor, too_large) if minor is not None else (pivots, size)
+    return pivots
 
 
 def _leading_columns(values: np.ndarray, count: int) -> list[int]:
