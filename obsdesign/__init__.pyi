@@ -88,10 +88,12 @@ from .scenario.loading import load_scenario as load_scenario
 from .scenario.schema import Scenario as Scenario
 from .selection.pareto import Pareto as Pareto
 from .selection.pareto import pareto as pareto
+from .selection.posterior.cheapest_selection import cheapest_schedule as cheapest_schedule
 from .selection.posterior.filter_schedule import FilterSchedule as FilterSchedule
 from .selection.posterior.filter_selection import select_for_filter as select_for_filter
 from .selection.posterior.noise_floor import fit_floor as fit_floor
 from .selection.posterior.receding_horizon import select_next as select_next
+from .selection.posterior.requirement import Requirement as Requirement
 from .selection.schedule import Schedule as Schedule
 from .selection.schedule import upper_bound as upper_bound
 from .selection.sensor_loss import Loss as Loss

@@ -63,6 +63,8 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "design_trajectory": {"problem": DESIGN_PROBLEM, "starts": 1},
     "codesign": {"problem": DESIGN_PROBLEM, "segments": 4, "starts": 1, "rounds": 1},
     "select_sensors": {"blocks": BLOCKS},
+    "select_for_filter": {**ALONG, "prior": PRIOR, "segment": 1.0},
+    "cheapest_schedule": {**ALONG, "prior": PRIOR, "require": (od.Requirement(("x",), 5.0),), "segment": 1.0},
     "sensor_losses": {"blocks": BLOCKS, "schedule": od.select_sensors(BLOCKS)},
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
@@ -111,6 +113,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "Price": {"cost": od.FlightTime(), "per_unit": 1.0},
     "Prior": {"mean": [0.0, 0.0], "std": [1.0, 1.0]},
     "Range": {"beacon": BEACON, "sigma": 1.0},
+    "Requirement": {"about": ("x", "y"), "at_most": 5.0},
     "Requires": {"sensor": 0, "other": 1},
     "Robust": {"prior": PRIOR},
     "Segments": {"names": ("a", "b"), "count": 3},
@@ -128,7 +131,19 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
 }
 # records that obsdesign returns, enumerations, errors: nothing that a user gives goes into them
 RETURNED = (
-    *("CircleResiduals", "Contributions", "Curve", "Design", "Evidence", "Flight", "InputError", "Joint", "Loss", "ObsdesignError"),
+    *(
+        "CircleResiduals",
+        "Contributions",
+        "Curve",
+        "Design",
+        "Evidence",
+        "FilterSchedule",
+        "Flight",
+        "InputError",
+        "Joint",
+        "Loss",
+        "ObsdesignError",
+    ),
     *(
         "Pareto",
         "Perturbation",

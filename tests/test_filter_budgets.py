@@ -50,9 +50,9 @@ def test_within_one_and_two_budgets_the_schedule_is_the_best_of_all(seed: int, o
 def test_every_price_bounds(prices: float) -> None:
     """L(mu) is below the best schedule within the budget for every mu >= 0, and the prices that are taken bound no less."""
     from obsdesign.criteria.trace_inverse import TraceInverse
-    from obsdesign.selection.posterior.filter_selection import problem_of
+    from obsdesign.selection.posterior.formulation import problem_of
     from obsdesign.selection.posterior.options import build_options
-    from obsdesign.selection.posterior.questions import build_question
+    from obsdesign.selection.posterior.questions import FilterSettings, build_question
     from obsdesign.selection.posterior.resource_prices import best_prices, priced_chain
     from obsdesign.selection.posterior.windows import first_layers
 
@@ -61,7 +61,9 @@ def test_every_price_bounds(prices: float) -> None:
     rules = (od.EnergyBudget(0.3 * small.segments, cost=1.0),)
     given = small.question
     per_segment = given.pop("per_segment")
-    question = build_question(**given, unknown_inputs=(), about=None, over="mean", criterion=TraceInverse(), scale=None)
+    along = [given.pop(name) for name in ("system", "path", "prior")]
+    settings = FilterSettings(**given, unknown_inputs=(), about=None, over="mean", criterion=TraceInverse(), scale=None, floor=None)
+    question = build_question(*along, settings)
     problem = problem_of(question, build_options(rules, per_segment, question.segments, question.answers))
     layers, limits = first_layers(problem), problem.options.limits
 

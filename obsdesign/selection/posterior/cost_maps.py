@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.selection.posterior.batches import congruence
-from obsdesign.selection.posterior.instant_costs import InstantCosts
+from obsdesign.selection.posterior.instant_costs import CovarianceCost, InstantCosts
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,15 +64,15 @@ class FilterMoment:
 
 
 class AbstractCostMaps(ABC):
-    """Costs of the instants of M segments under an option. Leaves are final."""
+    """Costs of the instants of M segments under an option, (B,) or several at once (I, B). Leaves are final."""
 
     @abstractmethod
     def before_samples(self, number: np.ndarray, P: np.ndarray) -> np.ndarray:
-        """Return what the instants before the first samples cost (B,), and what does not depend on P."""
+        """Return what the instants before the first samples cost (..., B), and what does not depend on P."""
 
     @abstractmethod
     def add(self, cost: np.ndarray, t: int, number: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Return the cost (B,) together with that of the instants after the samples at the t-th instant, X (n, n, B) with these."""
+        """Return the cost (..., B) together with that of the instants after the samples at the t-th instant, X (n, n, B) with these."""
 
     @abstractmethod
     def record(self, moment: FilterMoment) -> None:
@@ -126,7 +125,7 @@ class InstantCostMaps(AbstractCostMaps):
     P0: np.ndarray
 
     @property
-    def criterion(self) -> AbstractCriterion:
+    def criterion(self) -> CovarianceCost:
         """What an instant costs."""
         return self.costs.criterion
 
@@ -155,8 +154,30 @@ class InstantCostMaps(AbstractCostMaps):
         self.P0[*place, :, :, counted.numbers] = counted.P[:, :, about][..., about] / scale[:, None] / scale
 
 
-def empty_cost_maps(costs: InstantCosts, timetable: Timetable, n: int, options: int) -> AbstractCostMaps:
+@dataclass(frozen=True, eq=False)
+class SeveralCostMaps(AbstractCostMaps):
+    """Several costs of the same instants at once, (I, B)."""
+
+    parts: tuple[AbstractCostMaps, ...]
+
+    def before_samples(self, number: np.ndarray, P: np.ndarray) -> np.ndarray:
+        """Return the costs (I, B) of the instants before the first samples."""
+        return np.array([part.before_samples(number, P) for part in self.parts])
+
+    def add(self, cost: np.ndarray, t: int, number: np.ndarray, X: np.ndarray) -> np.ndarray:
+        """Return the costs (I, B) with those of the instants with X."""
+        return np.array([part.add(row, t, number, X) for part, row in zip(self.parts, cost, strict=True)])
+
+    def record(self, moment: FilterMoment) -> None:
+        """Write the instant down for all."""
+        for part in self.parts:
+            part.record(moment)
+
+
+def empty_cost_maps(costs: InstantCosts | tuple[InstantCosts, ...], timetable: Timetable, n: int, options: int) -> AbstractCostMaps:
     """Return the maps of the costs of all segments, to be filled."""
+    if isinstance(costs, tuple):
+        return SeveralCostMaps(tuple(empty_cost_maps(part, timetable, n, options) for part in costs))
     M, T = len(timetable.starts) * options, int(timetable.instants.max(initial=0))
     if costs.is_linear:
         rows, columns = np.tril_indices(n)

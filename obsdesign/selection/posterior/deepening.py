@@ -63,7 +63,7 @@ class Chain:
         return self._total(self.problem.combine(self.cost_to[k - 1][:, before], own), amounts)
 
     def _total(self, cost: np.ndarray, amounts: np.ndarray) -> np.ndarray:
-        limits = self.problem.options.limits
+        limits = self.problem.limits
         total = (cost - (self.prices @ limits)[:, None]).max(axis=0) + (amounts[0] if self.problem.is_worst else 0.0)
         return np.where((amounts[1:] <= limits[:, None]).all(axis=0), total, np.inf)
 
@@ -174,18 +174,19 @@ def extend_windows(chain: Chain, pairs: list[tuple[np.ndarray, np.ndarray]]) -> 
     problem, layers = chain.problem, chain.layers
     segment = np.repeat(np.arange(1, len(layers)), [len(before) for before, _ in pairs])
     node = np.concatenate([layer.node[window] for layer, (_, window) in zip(layers[1:], pairs, strict=True)])
+    previous = np.concatenate([layer.node[before] for layer, (before, _) in zip(layers, pairs, strict=False)])
     P = np.concatenate([layer.P[:, :, before] for layer, (before, _) in zip(layers, pairs, strict=False)], axis=2)
-    cost, P = problem.maps.advance(segment, problem.options.pattern_of_node[node], P)
+    cost, amounts, P = problem.advance(segment, previous, node, P)
     longer = [replace(layers[0], tail=np.arange(len(layers[0].node)), n_tails=len(layers[0].node))]
     end = 0
     for layer, (before, window) in zip(layers[1:], pairs, strict=True):
         part = slice(end, end := end + len(before))
         # never less, but for rounding
-        exact = np.maximum(cost[part], layer.cost[window])
-        longer.append(WindowLayer(node[part], before, window, len(layer.node), exact, layer.amounts[:, window], P[:, :, part]))
+        exact, taken = np.maximum(cost[part], layer.cost[window]), np.maximum(amounts[:, part], layer.amounts[:, window])
+        longer.append(WindowLayer(node[part], before, window, len(layer.node), exact, taken, P[:, :, part]))
     return longer
 
 
 def prices_tried(problem: PosteriorProblem, layers: list[WindowLayer]) -> np.ndarray:
     """Return prices (M, R): none, with which windows as long as the run are exact, and the best ones where these differ."""
-    return np.unique([np.zeros(len(problem.options.limits)), best_prices(problem, layers)], axis=0)
+    return np.unique([np.zeros(len(problem.limits)), best_prices(problem, layers)], axis=0)

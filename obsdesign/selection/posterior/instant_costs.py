@@ -3,10 +3,48 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, Protocol
 
 import numpy as np
 
-from obsdesign.criteria.abstract import AbstractCriterion
+
+class CovarianceCost(Protocol):
+    """What a covariance costs: a criterion, or whether it is above a limit."""
+
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return what covariances P (..., n, n) cost (...): no less where P is larger in Loewner's order."""
+        ...
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        """Whether that cost is tr P."""
+        ...
+
+    @property
+    def gap_kind(self) -> Literal["relative", "absolute"]:
+        """How a value and its bound are compared."""
+        ...
+
+
+@dataclass(frozen=True)
+class AboveLimit:
+    """1 where tr P is above a limit, else 0: sums count the instants that break a requirement."""
+
+    limit: float
+
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        """Return 1 where tr P > limit, else 0 (...)."""
+        return (np.trace(P, axis1=-2, axis2=-1) > self.limit).astype(float)
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        """False: it is no sum that is linear in covariances."""
+        return False
+
+    @property
+    def gap_kind(self) -> Literal["relative", "absolute"]:
+        """Absolute: it counts."""
+        return "absolute"
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +54,7 @@ class InstantCosts:
     weights (N,) >= 0; D = diag(1 / scale) on the states `about` (q,), the rest left out.
     """
 
-    criterion: AbstractCriterion
+    criterion: CovarianceCost
     about: np.ndarray
     scale: np.ndarray
     weights: np.ndarray

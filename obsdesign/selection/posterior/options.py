@@ -68,9 +68,11 @@ class Options:
 
 
 def build_options(
-    rules: tuple[AbstractRule, ...], per_segment: int, segments: Segments, answers: np.ndarray, on_before: np.ndarray | None = None
+    rules: tuple[AbstractRule, ...], per_segment: int, segments: Segments, answers: np.ndarray | None, on_before: np.ndarray | None = None
 ) -> Options:
     """Return the options of rules; answers (K, S) bool: which sensors have a sample at all in a segment; on_before (S,): what was on.
+
+    answers None: being on costs something, so that no option is left out.
 
     Where segments are free of each other, an option that has fewer samples than another allowed one is left out: it is never better.
     Raises InputError for rules that do not fit the segments.
@@ -78,7 +80,7 @@ def build_options(
     terms = [rule.terms(segments) for rule in rules]
     S = len(segments.names)
     masks = [term.available for term in terms if term.available is not None]
-    available = np.logical_and.reduce(masks) if masks else np.ones(answers.shape, dtype=bool)
+    available = np.logical_and.reduce(masks) if masks else np.ones((segments.count, S), dtype=bool)
     patterns = patterns_up_to(S, per_segment)
     for term in terms:
         if term.admissible is not None:

@@ -13,6 +13,14 @@ from obsdesign.selection.posterior.segment_maps import SegmentMaps
 
 
 @dataclass(frozen=True, eq=False)
+class Purchase:
+    """Where schedules are paid for: what a node costs in a segment (K, A), and limits (I,) of what the maps add up."""
+
+    on_costs: np.ndarray
+    limits: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class Walk:
     """A schedule as nodes (K,) with what it costs: value, cost (K,) of each segment, usage (R,), covariances (K, n, n) before segments."""
 
@@ -28,13 +36,15 @@ class PosteriorProblem:
     """min cost(schedule) over the walks through `options` within their resources.
 
     cost: the sum of the segments' costs, or the largest where is_worst, plus what switching costs. maps: one per segment; P0 (n, n):
-    the covariance before the first samples.
+    the covariance before the first samples. purchase: None, or nodes cost what it says, and what the maps add up is limited as resources
+    are.
     """
 
     maps: SegmentMaps
     options: Options
     P0: np.ndarray
     is_worst: bool
+    purchase: Purchase | None = None
 
     @property
     def segments(self) -> int:
@@ -46,34 +56,47 @@ class PosteriorProblem:
         """Covariances (K, n, n) before each segment that no schedule is below."""
         return ceilings(self.maps, self.options, self.P0)
 
+    @property
+    def limits(self) -> np.ndarray:
+        """Limits (R,) of everything that is limited in sum, with what rounding may add to it."""
+        return self.options.limits if self.purchase is None else np.concatenate([self.options.limits, self.purchase.limits + 1e-9])
+
+    def advance(
+        self, k: np.ndarray | int, before: np.ndarray, node: np.ndarray, P: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what steps (B,) into segments cost, what they cost for switching and take of what is limited (R + 1, B), and P after."""
+        options = self.options
+        measured, P_next = self.maps.advance(k, options.pattern_of_node[node], P)
+        usage = options.usage[:, k, node] + options.start_usage[:, before, node]
+        amounts = np.vstack([options.switching_costs[before, node], usage])
+        if self.purchase is None:
+            return measured, amounts, P_next
+        return self.purchase.on_costs[k, node], np.vstack([amounts, measured]), P_next
+
     def walk(self, nodes: np.ndarray) -> Walk:
         """Return a schedule with what it costs."""
         P, costs, covariances = self.P0[:, :, None], np.empty(len(nodes)), np.empty((len(nodes), *self.P0.shape))
-        for k, node in enumerate(nodes):
+        amounts = np.zeros((len(self.limits) + 1, 1))
+        for k, (before, node) in enumerate(zip(previous_nodes(nodes), nodes, strict=True)):
             covariances[k] = P[:, :, 0]
-            cost, P = self.maps.advance(k, self.options.pattern_of_node[[node]], P)
-            costs[k] = cost[0]
-        total = float(costs.max() if self.is_worst else costs.sum()) + self.switching(nodes)
-        return Walk(nodes, total, costs, self.usage(nodes), covariances)
+            cost, taken, P = self.advance(k, np.array([before]), np.array([node]), P)
+            costs[k], amounts = cost[0], amounts + taken
+        total = float(costs.max() if self.is_worst else costs.sum()) + float(amounts[0, 0])
+        return Walk(nodes, total, costs, amounts[1:, 0], covariances)
 
     def switching(self, nodes: np.ndarray) -> float:
         """Return what the switching-ons of a walk cost."""
-        return float(self.options.switching_costs[_previous(nodes), nodes].sum())
-
-    def usage(self, nodes: np.ndarray) -> np.ndarray:
-        """Return how much of each resource a walk takes (R,)."""
-        options, k = self.options, np.arange(len(nodes))
-        return options.usage[:, k, nodes].sum(axis=1) + options.start_usage[:, _previous(nodes), nodes].sum(axis=1)
+        return float(self.options.switching_costs[previous_nodes(nodes), nodes].sum())
 
     def is_feasible(self, walk: Walk) -> bool:
         """Whether a walk keeps the limits of all resources."""
-        return bool((walk.usage <= self.options.limits).all())
+        return bool((walk.usage <= self.limits).all())
 
     def combine(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """Return the cost of two stretches together."""
         return np.maximum(before, after) if self.is_worst else before + after
 
 
-def _previous(nodes: np.ndarray) -> np.ndarray:
+def previous_nodes(nodes: np.ndarray) -> np.ndarray:
     """Return the node before each, -1 (nothing on) before the first."""
     return np.concatenate([[-1], nodes[:-1]])

@@ -25,7 +25,7 @@ def best_prices(problem: PosteriorProblem, layers: list[WindowLayer]) -> np.ndar
 
     Kelley's cutting planes: the next prices are those at which the least of all tangents so far is highest.
     """
-    limits = problem.options.limits
+    limits = problem.limits
     if not len(limits) or problem.is_worst:
         return np.zeros(len(limits))
     value, usage = priced_chain(layers, np.zeros(len(limits)))
@@ -101,4 +101,4 @@ def threshold(problem: PosteriorProblem, layers: list[WindowLayer]) -> float:
 def _can_keep_limits(problem: PosteriorProblem, layers: list[WindowLayer], level: float) -> bool:
     amounts = [np.where(layer.cost <= level, layer.amounts[1:], np.inf) for layer in layers]
     smallest = minima_to(layers, amounts, np.add)[-1].min(axis=1)
-    return bool((smallest <= problem.options.limits).all())
+    return bool((smallest <= problem.limits).all())

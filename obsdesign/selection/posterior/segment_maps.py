@@ -39,13 +39,14 @@ class SegmentMaps:
     costs: AbstractCostMaps
 
     def advance(self, segment: np.ndarray | int, option: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the costs (B,) of options (B,) in segments (B,) from covariances (n, n, B) before them, and those at their ends."""
+        """Return the costs (B,) of options (B,) in segments (B,) from covariances (n, n, B) before them, and those at their ends.
+
+        Costs are (I, B) where there are several at once.
+        """
         number = segment * self.options + option
-        cost, P_next = np.empty(len(number)), np.empty(P.shape)
-        for first in range(0, len(number), _BATCH):
-            part = slice(first, first + _BATCH)
-            cost[part], P_next[:, :, part] = self._advance(number[part], P[:, :, part])
-        return cost, P_next
+        batches = [slice(first, first + _BATCH) for first in range(0, max(1, len(number)), _BATCH)]
+        parts = [self._advance(number[batch], P[:, :, batch]) for batch in batches]
+        return np.concatenate([cost for cost, _ in parts], axis=-1), np.concatenate([P_next for _, P_next in parts], axis=2)
 
     def _advance(self, number: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         X, cost = P, self.costs.before_samples(number, P)
@@ -56,10 +57,13 @@ class SegmentMaps:
         return cost, self.P0[:, :, number] + congruence(self.Psi[:, :, number], X)
 
 
-def segment_maps(model: LinearModel, nodes: np.ndarray, patterns: np.ndarray, costs: InstantCosts) -> SegmentMaps:
+def segment_maps(
+    model: LinearModel, nodes: np.ndarray, patterns: np.ndarray, costs: InstantCosts | tuple[InstantCosts, ...]
+) -> SegmentMaps:
     """Return the maps of the segments between nodes (K+1,), counted in steps, under patterns (O, S) of sensors."""
     K, options, n = len(nodes) - 1, len(patterns), model.initial_covariance.shape[0]
-    timetable = timetable_of(np.asarray(model.rows.any(axis=(1, 2))), costs.weights > 0, nodes)
+    has_cost = np.any([part.weights > 0 for part in (costs if isinstance(costs, tuple) else (costs,))], axis=0)
+    timetable = timetable_of(np.asarray(model.rows.any(axis=(1, 2))), has_cost, nodes)
     is_on = patterns[:, model.sensor_of_row]
     T, R = int(timetable.instants.max(initial=0)), max(1, int(is_on.sum(axis=1).max()))
     maps = SegmentMaps(

@@ -75,15 +75,8 @@ def first_layers(problem: PosteriorProblem) -> list[WindowLayer]:
 
 
 def _extend(problem: PosteriorProblem, k: int, P: np.ndarray, before: np.ndarray, node: np.ndarray) -> WindowLayer:
-    cost, P_next = problem.maps.advance(k, problem.options.pattern_of_node[node], P)
-    return WindowLayer(node, before, node, len(problem.options.pattern_of_node), cost, step_amounts(problem, k, before, node), P_next)
-
-
-def step_amounts(problem: PosteriorProblem, k: int, before: np.ndarray, node: np.ndarray) -> np.ndarray:
-    """Return what steps (W,) into segment k cost for switching, and take of each resource (R + 1, W)."""
-    options = problem.options
-    usage = options.usage[:, k, node] + options.start_usage[:, before, node]
-    return np.vstack([options.switching_costs[before, node], usage])
+    cost, amounts, P_next = problem.advance(k, before, node, P)
+    return WindowLayer(node, before, node, len(problem.options.pattern_of_node), cost, amounts, P_next)
 
 
 def _first_layer(problem: PosteriorProblem) -> WindowLayer:

@@ -1,0 +1,157 @@
+"""The cheapest walk that keeps every limit, and a bound on its cost: the windows of `deepening`, where limits do the work.
+
+A window counts the instants that break a requirement from the covariance that it begins with, above which no schedule knows more: never
+too many. A chain of windows within the limits that costs least is a bound; one that keeps them in truth is an answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic
+
+import numpy as np
+
+from obsdesign.selection.posterior.deepening import (
+    Chain,
+    WorkLimits,
+    build_chain,
+    count_windows,
+    extend_windows,
+    open_pairs,
+    prices_tried,
+    prune,
+)
+from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
+from obsdesign.selection.posterior.windows import WindowLayer, first_layers
+
+_EFFORT = WorkLimits(max_windows=200_000, max_simulated=1_500_000)
+_MAX_TRELLIS = 4096  # partial walks of a trellis
+_WORTH = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a unit of cost: what a factor e in the volume of an ellipsoid of errors is worth
+_UNIT_ROUNDING = 1e-6  # of a unit: what rounding may add to a sum of costs
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What is looked for: keeps says in full whether nodes (K,) keep every limit; unit: all costs are whole multiples of it, 0 = none.
+
+    gap: how near to the least the cost is wanted; deadline: when to stop, on the monotonic clock.
+    """
+
+    keeps: Callable[[np.ndarray], bool]
+    unit: float
+    gap: float
+    deadline: float
+
+    def wanted_below(self, value: float) -> float:
+        """Return what a better walk costs less than."""
+        return value - max(self.gap * abs(value), self.unit * (1 - 2 * _UNIT_ROUNDING))
+
+    def round_up(self, bound: float) -> float:
+        """Return the least whole multiple of the unit that is no less than a bound."""
+        if not self.unit or not np.isfinite(bound):
+            return bound
+        return self.unit * float(np.ceil(bound / self.unit - _UNIT_ROUNDING))
+
+
+@dataclass(frozen=True, eq=False)
+class Cheapest:
+    """The cheapest walk known, None without one, what none costs less than, inf where there is none, and how long windows were."""
+
+    walk: Walk | None
+    bound: float
+    depth: int
+
+
+def search_cheapest(problem: PosteriorProblem, target: Target) -> Cheapest:
+    """Return the cheapest walk and a bound: deeper and deeper windows, without those that a better walk does not pass through."""
+    walk, bound, depth = first_purchase(problem, target), -np.inf, 2
+    layers, simulated = first_layers(problem), 0
+    while True:
+        layers = [layer.only(np.flatnonzero((layer.amounts[1:] <= problem.limits[:, None]).all(axis=0))) for layer in layers]
+        simulated += count_windows(layers)
+        chain = build_chain(problem, layers, prices_tried(problem, layers))
+        chain_bound = target.round_up(chain.bound)
+        walk = _cheaper(problem, target, walk, chain.cheapest() if np.isfinite(chain_bound) else [])
+        limit = np.inf if walk is None else target.wanted_below(walk.value)
+        bound = max(bound, min(chain_bound, target.round_up(limit)))
+        if chain_bound >= limit or depth >= problem.segments:
+            return Cheapest(walk, bound, depth)
+        longer = _deeper(chain, limit, simulated, target)
+        if longer is None:
+            return Cheapest(walk, bound, depth)
+        layers, depth = longer, depth + 1
+
+
+def _deeper(chain: Chain, limit: float, simulated: int, target: Target) -> list[WindowLayer] | None:
+    """Return windows of one choice more through which a walk may cost less than the limit; None where they are too many, or it is late."""
+    chain = prune(chain, limit)
+    pairs = [open_pairs(chain, k, limit) for k in range(1, chain.problem.segments)]
+    count = sum(len(before) for before, _ in pairs)
+    if count > _EFFORT.max_windows or simulated + count > _EFFORT.max_simulated or monotonic() > target.deadline:
+        return None
+    return extend_windows(chain, pairs)
+
+
+def _cheaper(problem: PosteriorProblem, target: Target, walk: Walk | None, candidates: list[np.ndarray]) -> Walk | None:
+    """Return the cheapest walk that keeps the limits of one known and candidates (K,)."""
+    for nodes in candidates:
+        candidate = problem.walk(nodes)
+        if problem.is_feasible(candidate) and (walk is None or candidate.value < walk.value) and target.keeps(nodes):
+            walk = candidate
+    return walk
+
+
+def first_purchase(problem: PosteriorProblem, target: Target) -> Walk | None:
+    """Return the cheapest walk of trellises that weigh cost against knowledge in several ways."""
+    walk, nodes = None, len(problem.options.pattern_of_node)
+    unit = 1.0 if problem.purchase is None else float(problem.purchase.on_costs.mean(axis=0).max())
+    for depth in (1, 2):
+        if depth > 1 and nodes ** (depth + 1) > _MAX_TRELLIS:
+            break
+        for worth in _WORTH:
+            walk = _cheaper(problem, target, walk, follow_purchases(problem, depth, worth * unit))
+    return walk
+
+
+@dataclass(frozen=True, eq=False)
+class _Purchases:
+    """Partial walks: last node (B,), what they cost (B,) and take of what is limited (R, B), P (n, n, B), the choices so far (B, k)."""
+
+    node: np.ndarray
+    cost: np.ndarray
+    amounts: np.ndarray
+    P: np.ndarray
+    choices: np.ndarray
+
+    def only(self, index: np.ndarray) -> _Purchases:
+        """Return some of them."""
+        return _Purchases(self.node[index], self.cost[index], self.amounts[:, index], self.P[:, :, index], self.choices[index])
+
+
+def follow_purchases(problem: PosteriorProblem, depth: int, worth: float) -> list[np.ndarray]:
+    """Return the nodes (K,) of the cheapest walk of a trellis within the limits, in a list; none where all of its walks break one.
+
+    For every choice of the last `depth` segments the walk with the least cost + worth * log det P stays.
+    """
+    R, nodes = len(problem.limits), len(problem.options.pattern_of_node)
+    walks = _Purchases(np.array([-1]), np.zeros(1), np.zeros((R, 1)), problem.P0[:, :, None], np.zeros((1, 0), dtype=int))
+    for k in range(problem.segments):
+        walks = _step(problem, walks, k)
+        score = walks.cost + worth * np.linalg.slogdet(walks.P.transpose(2, 0, 1))[1]
+        key = walks.choices[:, -depth:] @ nodes ** np.arange(min(depth, k + 1))
+        order = np.lexsort((score, key))
+        walks = walks.only(order[np.diff(key[order], prepend=-1) > 0])
+    return [walks.choices[int(walks.cost.argmin())]] if len(walks.cost) else []
+
+
+def _step(problem: PosteriorProblem, walks: _Purchases, k: int) -> _Purchases:
+    """Return all walks that go on into segment k within the limits."""
+    options = problem.options
+    may_follow = np.vstack([options.follows, options.may_start])[walks.node] & options.allowed[k]
+    parent, node = np.nonzero(may_follow)
+    cost, amounts, P = problem.advance(k, walks.node[parent], node, walks.P[:, :, parent])
+    total = walks.amounts[:, parent] + amounts[1:]
+    choices = np.concatenate([walks.choices[parent], node[:, None]], axis=1)
+    longer = _Purchases(node, walks.cost[parent] + cost + amounts[0], total, P, choices)
+    return longer.only(np.flatnonzero((total <= problem.limits[:, None]).all(axis=0)))
