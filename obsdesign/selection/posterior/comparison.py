@@ -75,5 +75,7 @@ def _for_the_start(question: FilterQuestion, per_segment: int) -> list[tuple[str
     scale = np.ones(question.path.x.shape[1])
     scale[question.costs.about] = question.costs.scale
     blocks = information.by_stretch(question.nodes[:-1]) * scale[:, None] * scale
-    schedule = select_sensors(blocks, per_segment, criterion=MinEigenvalue(), about=question.costs.about.tolist(), gap=1e-3, throw=False)
+    schedule = select_sensors(
+        blocks, per_segment, criterion=MinEigenvalue(), about=question.costs.about.tolist(), method="columns", gap=1e-3, throw=False
+    )
     return [("the schedule for the start", schedule.chosen)] if schedule.status.has_answer else []
