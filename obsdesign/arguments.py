@@ -286,7 +286,7 @@ def _one_of(kinds: Sequence[Kind]) -> Kind:
 
 def _instance_of(family: type) -> Kind:
     """Return what accepts instances: of a family by its members' names, else by the name of the class."""
-    leaves = sorted({leaf.__name__ for leaf in _leaves(family) if not leaf.__name__.startswith("_")})
+    leaves = sorted({leaf.__name__ for leaf in _leaves(family) if _is_public(leaf)})
     accepted = f"one of {', '.join(leaves)}" if inspect.isabstract(family) and leaves else f"a {family.__name__}"
     accepted_types: set[type] = set()  # classes of values that were accepted: an abstract base takes long to tell
 
@@ -295,6 +295,12 @@ def _instance_of(family: type) -> Kind:
         return type(value) in accepted_types or (isinstance(value, family) and not accepted_types.add(type(value)))
 
     return Kind(passes, accepted)
+
+
+def _is_public(leaf: type) -> bool:
+    """Whether a caller can know of a class: one of the package's public names, or the caller's own."""
+    name, module = leaf.__name__, leaf.__module__
+    return name in sys.modules["obsdesign"].__all__ if module.startswith("obsdesign.") else not name.startswith("_")
 
 
 def _leaves(family: type) -> Iterator[type]:

@@ -64,6 +64,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "codesign": {"problem": DESIGN_PROBLEM, "segments": 4, "starts": 1, "rounds": 1},
     "select_sensors": {"blocks": BLOCKS},
     "select_for_filter": {**ALONG, "prior": PRIOR, "segment": 1.0},
+    "select_next": {"system": SYSTEM, "belief": PRIOR, "inputs_ahead": U, "step": 0.5, "segment": 2.0},
     "cheapest_schedule": {**ALONG, "prior": PRIOR, "require": (od.Requirement(("x",), 5.0),), "segment": 1.0},
     "sensor_losses": {"blocks": BLOCKS, "schedule": od.select_sensors(BLOCKS)},
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
@@ -222,6 +223,7 @@ def test_a_system_is_refused_by_the_name_of_what_is_wrong(case: str) -> None:
 
 def test_a_verdict_is_refused_by_the_name_of_what_is_wrong() -> None:
     system = od.ControlAffineSystem(**LINEAR)
+    od.select_next(**ACCEPTED["select_next"])  # loads a system that is no public name
     with pytest.raises(od.InputError, match="system is None: must be one of ControlAffineSystem, System"):
         od.observability(None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(od.InputError, match=r"held is \['u'\]: must be a dict from a text to a number"):
