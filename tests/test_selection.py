@@ -18,6 +18,7 @@ import obsdesign as od
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.baselines import random_schedule, round_robin, single_sensor
 from obsdesign.selection.build import build_problem
+from obsdesign.selection.integer.best_first_search import search_best_first
 from obsdesign.selection.integer.reduced_problem import ReducedProblem, reduce_problem
 from obsdesign.selection.relaxation.column_generation import solve_relaxation
 from obsdesign.selection.schedule import schedule_information, schedule_value
@@ -563,6 +564,20 @@ def test_where_one_way_fails_the_other_is_taken_and_noted(method: str, broken: s
     assert "failed" in schedule.notes[0]
     certified(problem, schedule, method)
     bounded_by_its_dual(problem, schedule, method)
+
+
+def test_a_search_that_begins_at_its_bound_ends_there():
+    """No share of the gap is left to measure falls of a bound by."""
+    problem = Problem(PROBLEMS["full"], 1, (), od.MinEigenvalue(), 0)
+    instance = build_problem(problem.blocks, 1, (), od.MinEigenvalue(), 0, None)
+    relaxation, whole = solve_relaxation(instance, 1e-9), reduce_problem(instance, [], -np.inf)
+    assert relaxation is not None
+    assert whole is not None
+    best_schedule = selected("full")
+    at_bound = replace(relaxation, bound=best_schedule.value)
+    result = search_best_first(instance, whole, at_bound, (best_schedule.chosen, best_schedule.value), 0.0, lambda: False)
+    assert result.value == best_schedule.value
+    assert result.bound >= best_value("full", 1) * (1 - 1e-12)
 
 
 # ---------------------------------------------------------------- what reduced costs decide

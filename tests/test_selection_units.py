@@ -14,6 +14,7 @@ from test_selection import path_blocks
 
 import obsdesign as od
 from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.schedule import gap_of
 
@@ -89,6 +90,59 @@ def test_the_heading_alone_is_hidden_too_and_the_distance_is_not():
     W = blocks.sum(axis=(0, 1)) + np.diag([0.0, 0.0, 4.0])
     assert compass.value == pytest.approx(np.linalg.eigvalsh(W)[0], rel=1e-9)
     assert compass.value > 0
+
+
+def hides_the_judged_state(blocks: np.ndarray, about: tuple[int, ...], rules: tuple[AbstractRule, ...] = ()) -> None:
+    """Assert value 0 and a note for the smallest eigenvalue, and that there is no answer for the other criteria."""
+    schedule = od.select_sensors(blocks, about=about, rules=rules, throw=False)
+    assert (schedule.value, schedule.bound, schedule.status) == (0.0, 0.0, od.Status.OPTIMAL)
+    assert any("hidden" in note for note in schedule.notes)
+    for criterion in CRITERIA[1:]:
+        with pytest.raises(od.InputError, match="-inf for every schedule"):
+            od.select_sensors(blocks, about=about, rules=rules, criterion=criterion)
+        failed = od.select_sensors(blocks, about=about, rules=rules, criterion=criterion, throw=False)
+        assert failed.status is od.Status.NUMERICAL_ERROR
+        assert np.isnan(failed.value)
+
+
+@pytest.mark.parametrize("seed", [38, 62, *range(8)])
+def test_two_blocks_of_rank_one_leave_one_of_three_states_hidden_beside_the_others(seed: int):
+    """What is left of two rows for one state, with two others to be found, is 0, though rounding leaves a pivot of 1e-14."""
+    factors = np.random.default_rng(seed).standard_normal((2, 1, 3, 1))
+    hides_the_judged_state(factors @ factors.swapaxes(2, 3), (0,))
+
+
+@pytest.mark.parametrize("seed", [9, 39, 136])
+def test_two_uses_in_all_leave_one_of_three_states_hidden_beside_the_others(seed: int):
+    """Within the rules no schedule has more than two rows; an exchange on the way leaves nothing but round-off of the nuisance states."""
+    factors = np.random.default_rng(seed).standard_normal((3, 2, 3, 1))
+    blocks, rules = factors @ factors.swapaxes(2, 3), (od.MaxUses(0, 1), od.MaxUses(1, 1))
+    for criterion in CRITERIA:
+        try:
+            schedule = od.select_sensors(blocks, about=(0,), rules=rules, criterion=criterion, throw=False)
+        except od.InputError as error:
+            assert "too small for any schedule that sees the whole state" in str(error)
+        else:
+            assert schedule.value == 0.0 or np.isnan(schedule.value)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_round_off_of_one_block_is_not_what_another_sees(seed: int):
+    """Rows (0, 1, 0) and (2, -1, 1) in any units: (1, 0, -2) is hidden; rounding of the second adds 1e-16 of what the first sees."""
+    units = 10.0 ** np.random.default_rng(seed).uniform(-12, 12, 3)
+    rows = np.array([[0.0, 1.0, 0.0], [2.0, -1.0, 1.0]]) * units
+    hides_the_judged_state((rows[:, :, None] * rows[:, None, :])[:, None], (0,))
+    hides_the_judged_state((rows[:, :, None] * rows[:, None, :])[:, None], (0, 1, 2))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_nuisance_states_that_nobody_sees_hide_nothing_of_the_others(seed: int):
+    """Rows (1, 1, 1), (2, 1, 1) see 1 of the first state, y = the sum of the others: S = W_00 - W_0y^2 / W_yy = 5 - 9 / 2, exactly."""
+    units = 10.0 ** np.random.default_rng(seed).uniform(-6, 6, 3)
+    rows = np.array([[1.0, 1.0, 1.0], [2.0, 1.0, 1.0]]) * units
+    schedule = od.select_sensors((rows[:, :, None] * rows[:, None, :])[:, None], about=(0,))
+    assert schedule.value == pytest.approx(0.5 * units[0] ** 2, rel=1e-9)
+    assert schedule.status is od.Status.OPTIMAL
 
 
 def test_where_every_schedule_hides_a_direction_the_value_is_zero_and_which_one_is_said():

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
 from obsdesign.errors import InputError
+from obsdesign.round_off import EPS
+from obsdesign.selection.directed_bound import prices_above, semidefinite_root, squares_below
 from obsdesign.selection.dual import Dual
 from obsdesign.selection.integer.search import Incumbent
 from obsdesign.selection.problem import SelectionProblem
@@ -16,7 +21,9 @@ from obsdesign.status import Status
 def certify(instance: SelectionProblem, dual: Dual, fractional: int, incumbent: Incumbent, gap: float, notes: tuple[str, ...]) -> Schedule:
     """All numbers again, from the schedule and the dual alone."""
     value = instance.value(incumbent.chosen)
-    root_bound = max(dual_bound(instance, dual)[0], value)  # they may cross by a rounding error
+    if dual.mu.any():  # where a solver got no further, budgets may be worth nothing
+        dual = min((dual, replace(dual, mu=np.zeros_like(dual.mu))), key=partial(_root_bound, instance))
+    root_bound = max(_root_bound(instance, dual), value)  # they may cross by a rounding error
     bound = min(max(incumbent.bound, value), root_bound)
     achieved_gap = gap_of(value, bound, instance.criterion)
     forcing_costs = instance.schedules.forcing_costs(*instance.prices(dual))
@@ -41,6 +48,25 @@ def certify(instance: SelectionProblem, dual: Dual, fractional: int, incumbent: 
         status,
         notes,
     )
+
+
+def _root_bound(instance: SelectionProblem, dual: Dual) -> float:
+    """UB(dual), every rounding of it rounded up where the criterion is a smallest eigenvalue, as in `upper_bound`."""
+    if not instance.criterion.is_smallest_eigenvalue:
+        return dual_bound(instance, dual)[0]
+    (K, S), n, D = instance.shape, instance.n, instance.scaled_criterion.D
+    G = semidefinite_root(dual.Z)
+    trace = squares_below((G * D[:, None])[:, instance.scaled_criterion.about])
+    blocks, known = instance.user_blocks.reshape(K * S, n, n), (instance.known_information / D[:, None] / D)[None]
+    worth, base = np.zeros((K, S)), 0.0
+    for root, working in zip(G, instance.working_sensors, strict=True):
+        worth += prices_above(blocks, D, root).reshape(K, S) * working
+        base += float(prices_above(known, D, root)[0])
+    worth = np.maximum(worth, 0.0) / trace
+    _, largest_sum = instance.schedules.maximise(*instance.net_prices(worth, dual.mu))
+    constant = base / trace + float(dual.mu @ instance.limits)
+    # the best schedule is worth no less than nothing, so what it pays is at most what it sees
+    return constant + largest_sum + (K + S + 8) * EPS * (constant + 2 * float(worth.sum()))
 
 
 def failure_schedule(instance: SelectionProblem) -> Schedule:

@@ -147,8 +147,12 @@ class SelectionProblem:
         else:
             price = np.stack([self.block_vectors[:, s] @ z[s] for s in range(S)], axis=1)
         np.maximum(price, 0.0, out=price)  # information is worth at least nothing: what is negative is a rounding error
-        start = self.switching.copy()
-        for mu, resource in zip(dual.mu, self.resources, strict=True):
+        return self.net_prices(price, dual.mu)
+
+    def net_prices(self, worth: np.ndarray, prices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is left of the worth (K, S) of information at prices (resources,), and what each switching-on (S,) costs."""
+        price, start = worth.copy(), self.switching.copy()
+        for mu, resource in zip(prices, self.resources, strict=True):
             if mu > 0:
                 price -= mu * resource.usage
                 start += mu * resource.start

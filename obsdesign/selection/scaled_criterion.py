@@ -9,11 +9,11 @@ import numpy as np
 
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.selection.double_double import DoubleDouble
-from obsdesign.selection.extended_sums import covariance_roots, doubtful_directions, ldl_factor, sees_directions
+from obsdesign.selection.extended_sums import covariance_roots, doubtful_directions, ldl_factor, unseen_direction
 
 _MIN_PIVOT = 1e-6  # pivots of a sum B with unit sizes, and 1 / tr B^-1, above which double precision leaves eight digits and more
 _MIN_EIGENVALUE_RATIO = 1e-5  # a ratio of eigenvalues above which units do not matter
-_RIDGE, _TINY = 1e-13, 1e-100  # what keeps unseen nuisance states apart from 0
+_RIDGE, _NOISE = 1e-13, 1e-14  # what keeps unseen nuisance states apart from 0: of a sum, and of all sensors, as exchanges leave round-off
 _MIN_METRIC_SHARE = 1e-10  # of the largest: what a state's share in a smallest eigenvalue counts at least in a search
 
 
@@ -110,12 +110,16 @@ class ScaledCriterion:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Roots (N, k, k), which of them (N,) there are, directions (N, n, k) and which of these (N, k) are hidden."""
         first = len(self.nuisance)
-        factors = ldl_factor(V, self.order, first)
+        ordered = None if blocks is None else blocks[:, self.order[:, None], self.order]
+        factors = ldl_factor(V, self.order, first, ordered, on)
         R, sees = covariance_roots(factors, first)
-        directions, doubtful = doubtful_directions(factors, R, first)
-        if blocks is not None and on is not None and doubtful.any():
-            unsure = doubtful.any(axis=1)
-            doubtful[unsure] &= ~sees_directions(blocks[:, self.order[:, None], self.order], on[unsure], directions[unsure])
+        directions, doubtful = doubtful_directions(factors, first)
+        if ordered is not None and on is not None:
+            judged = np.arange(len(self.D)) >= first
+            for i, p in np.argwhere(doubtful):
+                unseen = unseen_direction(ordered[on[i]], directions[i, :, p], judged)
+                doubtful[i, p] = unseen is not None
+                directions[i, :, p] = directions[i, :, p] if unseen is None else unseen
         return R, sees, directions, doubtful
 
     # ------------------------------------------------------------ slopes
@@ -176,7 +180,7 @@ class ScaledCriterion:
         S = V[..., a[:, None], a]
         if len(b):
             nuisance_block, cross_block = V[..., b[:, None], b], V[..., b[:, None], a]
-            ridge = np.maximum(_RIDGE * np.trace(nuisance_block, axis1=-2, axis2=-1), _TINY)[..., None, None]
+            ridge = np.maximum(_RIDGE * np.trace(nuisance_block, axis1=-2, axis2=-1), _NOISE)[..., None, None]
             S = S - cross_block.swapaxes(-1, -2) @ np.linalg.solve(nuisance_block + ridge * np.eye(len(b)), cross_block)
         return S * self.search_units[:, None] * self.search_units
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import fsum, inf, ldexp, nextafter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,8 @@ from obsdesign.checks import as_array, require_count
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number, raster_picture, raster_text
 from obsdesign.errors import InputError
+from obsdesign.round_off import EPS
+from obsdesign.selection.directed_bound import prices_above, semidefinite_root, squares_below
 from obsdesign.status import Status
 
 if TYPE_CHECKING:
@@ -116,9 +119,11 @@ def block_values(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
 def upper_bound(blocks: ArrayLike, Z: ArrayLike, per_segment: int = 1) -> float:
     """Return UB(Z) >= lambda_min of every schedule of up to per_segment sensors a segment: the certificate's check, without a solver.
 
-    UB(Z) = sum_k (sum of the per_segment largest max(<W_ks, Z>, 0)) / tr Z, as lambda_min(W) <= <W, Z> / tr Z for every Z >= 0. With the
-    `dual` of a Schedule it is its `root_bound`, for the smallest eigenvalue of all states without anything `known`, without `robust_to`
-    and without rules: these only lower it.
+    UB(Z) = sum_k (sum of the per_segment largest max(<W_ks, Z>, 0)) / tr Z, as lambda_min(W) <= <W, Z> / tr Z for every Z >= 0. Of Z the
+    part that is >= 0 beyond round-off is taken, and every rounding is rounded up, so the bound is one of the sums of the blocks as they
+    are, in exact arithmetic. With the `dual` of a Schedule it is its `root_bound`, or the schedule's value where that is above it by its
+    own rounding, for the smallest eigenvalue of all states without anything `known`, without `robust_to` and without rules: these only
+    lower it, to the accuracy of the solver.
 
     Arguments:
         blocks (K, S, n, n): information of each sensor in each segment, as given to select_sensors, in any unit.
@@ -129,15 +134,47 @@ def upper_bound(blocks: ArrayLike, Z: ArrayLike, per_segment: int = 1) -> float:
     array, dual = require_blocks(np.asarray(blocks, dtype=float), per_segment), as_array("Z", Z)
     if dual.shape != array.shape[2:]:
         raise InputError(f"Z has shape {dual.shape}: must be {array.shape[2:]}, as each of the blocks")
-    if not np.isfinite(dual).all():
+    F = semidefinite_root(_require_dual(dual))
+    exponent = _exponents(np.diagonal(array, axis1=2, axis2=3).max(axis=(0, 1)))
+    G, unit = _normalise(np.ldexp(F, exponent[:, None]))
+    F, user_unit = _normalise(F)
+    prices = prices_above(array.reshape(-1, *dual.shape), np.ldexp(1.0, -exponent), G).reshape(array.shape[:2])
+    total = fsum(np.maximum(np.sort(prices, axis=1)[:, -per_segment:], 0.0).ravel().tolist())
+    return _scale_up(total / squares_below(F) * (1 + 4 * EPS), 2 * (unit - user_unit))
+
+
+def _require_dual(Z: np.ndarray) -> np.ndarray:
+    """Return Z with entries of at most 1, or raise InputError for what is no dual."""
+    if not np.isfinite(Z).all():
         raise InputError("Z is not finite")
-    size = float(np.abs(dual).max())
-    if np.abs(dual - dual.T).max() > _ROUNDING_TOLERANCE * size or not size:
+    size = float(np.abs(Z).max())
+    unit = np.ldexp(Z, -np.frexp(size)[1])
+    if not size or np.abs(unit - unit.T).max() > _ROUNDING_TOLERANCE * np.abs(unit).max():
         raise InputError("Z must be symmetric, and not 0")
-    if (lowest := float(np.linalg.eigvalsh(dual)[0])) < -_ROUNDING_TOLERANCE * size:
+    unit = (unit + unit.T) / 2
+    if (lowest := float(np.linalg.eigvalsh(unit)[0])) < -_ROUNDING_TOLERANCE * np.abs(unit).max():
+        lowest *= size / float(np.abs(unit).max())
         raise InputError(f"Z is not positive semidefinite: its eigenvalue is {lowest:.3g} (largest entry {size:.3g})")
-    largest = np.sort(np.maximum(block_values(array, dual), 0.0), axis=1)[:, -per_segment:]
-    return float(largest.sum() / np.trace(dual))
+    return unit
+
+
+def _exponents(squares: np.ndarray) -> np.ndarray:
+    """Exponents (n,) of the powers of two next to the square roots; 0 for 0."""
+    return np.round(np.log2(np.where(squares > 0, squares, 1.0)) / 2).astype(int)
+
+
+def _normalise(F: np.ndarray) -> tuple[np.ndarray, int]:
+    """F with entries of at most 1, and the power of two that was taken out."""
+    exponent = int(np.frexp(np.abs(F).max())[1])
+    return np.ldexp(F, -exponent), exponent
+
+
+def _scale_up(number: float, exponent: int) -> float:
+    """A number that number 2^exponent is not above; inf where that is none."""
+    try:
+        return nextafter(ldexp(number, exponent), inf) if number else 0.0
+    except OverflowError:
+        return inf
 
 
 def require_blocks(blocks: np.ndarray, per_segment: int, name: str = "blocks") -> np.ndarray:

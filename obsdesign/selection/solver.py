@@ -138,7 +138,7 @@ def solve_selection(
         return hidden_schedule(instance, hidden, throw)
     report("the relaxation")
     relaxation, notes = _relaxation(instance, options, initial_duals)
-    if relaxation is None and not instance.criterion.is_smallest_eigenvalue:
+    if relaxation is None:
         relaxation, notes = solve_regularised(instance, 1e-8), ()
     if relaxation is None:
         return _failure(instance, throw, not instance.criterion.is_smallest_eigenvalue and not _is_observable(instance))

@@ -26,6 +26,7 @@ _CORNERS = (0.1, 0.03, 0.01, 0.004)  # how much corners are rounded off at the r
 _CORNER = 0.05  # of the gap: ... and for branches
 _MIN_TAU = 1e-9  # the same where next to no gap is left: tau divides, so it is not 0
 _SCALE = 0.1  # of the gap: a fall of a bound by so much makes a tree smaller by a factor of e
+_MIN_SCALE = 1e-9  # the same where value and bound are one to rounding: the scale divides, too
 _PRICE = 0.01  # of resources, in units of the bound for all of one: where Newton's method begins
 _WORTH = 0.25  # of the gap: how far below the best a rounding is worth polishing
 _MAX_STEPS = 4000  # of all layers, and ...
@@ -102,7 +103,7 @@ def search_best_first(
             if not len(order):
                 nodes = nodes.subset(order)
                 break
-            children, steps = _branches(problem, nodes.subset(order[:_WIDTH]), _SCALE * (1 - value / unit), threshold)
+            children, steps = _branches(problem, nodes.subset(order[:_WIDTH]), max(_SCALE * (1 - value / unit), _MIN_SCALE), threshold)
             count += len(children.bound)
             is_complete = (children.allowed.sum(axis=2) == 1).all(axis=1)
             chosen, value = _improve_incumbent(instance, reduced, relaxation, (chosen, value), steps, is_complete)

@@ -101,10 +101,11 @@ def observable_mixture(instance: SelectionProblem) -> RelaxedSolution | None:
 
 
 def solve_regularised(instance: SelectionProblem, gap: float) -> RelaxedSolution | None:
-    """Return the relaxation for a criterion that is -inf for every mixture, as far as a solver can tell; None where it fails, too.
+    """Return the relaxation where every mixture is next to singular, as far as a solver can tell; None where it fails, too.
 
     With d T more known, T the diagonal of all information and d small, the criterion is no smaller for any schedule: criterion(V) <=
-    criterion(V + d T) <= <V, Z> + (offset + d <T, Z>). So the duals bound the problem itself, loosely where what is known is far below d.
+    criterion(V + d T) <= <V, Z> + (offset + d <T, Z>). So the duals bound the problem itself, loosely where what is known is far below d;
+    of a smallest eigenvalue without d <T, Z>, as every Z is a dual of the problem itself.
     """
     T = np.diagonal(instance.all_information, axis1=1, axis2=2).max(axis=0)
     for share in _REGULARISATIONS:
@@ -112,9 +113,12 @@ def solve_regularised(instance: SelectionProblem, gap: float) -> RelaxedSolution
         relaxation = solve_relaxation(replace(instance, known_information=instance.known_information + addition), gap)
         if relaxation is None:
             continue
-        evaluated_duals = [
-            (replace(dual, offset=dual.offset + float(np.sum(dual.Z * addition))), bound) for dual, bound in relaxation.evaluated_duals
-        ]
+        if instance.criterion.is_smallest_eigenvalue:
+            evaluated_duals = [(dual, dual_bound(instance, dual)[0]) for dual, _ in relaxation.evaluated_duals]
+        else:
+            evaluated_duals = [
+                (replace(dual, offset=dual.offset + float(np.sum(dual.Z * addition))), bound) for dual, bound in relaxation.evaluated_duals
+            ]
         dual, bound = min(evaluated_duals, key=lambda pair: pair[1])
         columns = [column_of(instance, column.chosen) for column in relaxation.columns]
         return RelaxedSolution(columns, relaxation.shares, -np.inf, dual, bound, relaxation.rounds, evaluated_duals)
