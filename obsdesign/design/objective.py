@@ -70,8 +70,9 @@ class PathObjective:
         return self._posterior(path, knowledge)[-2]
 
     def _posterior(self, path: Trajectory, knowledge: Knowledge) -> np.ndarray:
-        """J (N+1, n, n) about x(t_k)."""
-        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs)
+        """J (N+1, n, n) about x(t_k), of the samples that have a weight."""
+        active = None if self.weights is None else np.repeat(self.weights > 0, path.steps // len(self.weights), axis=0)
+        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs, active)
 
     def matrix(self, path: Trajectory) -> np.ndarray:
         """S (W + known) S (n, n) of a path."""

@@ -83,7 +83,7 @@ class DesignProblem(AbstractDisplay):
     """Information (n, n) about x(t_0) that is already there, added to W, in 1/(unit_i unit_j); None = none."""
     weights: ArrayLike | None = None
     """How much the samples of each sensor count (K, S) in each of K equal groups of steps, such as a schedule; None = all of them, once. At
-    most 1, the share of them that is there, for a sensor whose errors are not independent.
+    most 1, the share of them that is there, for a sensor whose errors are not independent; 0 or 1, off or on, for `Posterior`.
     """
     tolerance: float = TOLERANCE
     """Relative error that steps may have, as in simulate, in (0, 1)."""

@@ -126,7 +126,7 @@ def require_known_information(information: np.ndarray, n: int) -> None:
 def require_weights(
     weights: np.ndarray | None, model: Model, durations: Durations, knowledge: Knowledge | None, robust: Robust | None
 ) -> None:
-    """Raise InputError for weights that are not (K, S), finite and >= 0, or that stand beside what does not know of them."""
+    """Raise InputError for weights that are not (K, S), finite and >= 0, of a posterior 0 or 1, or beside what does not know of them."""
     if weights is None:
         return
     names, steps = model.sensor_names, round(durations.longest / durations.step)
@@ -143,9 +143,11 @@ def require_weights(
         raise InputError(
             f"weights of {', '.join(coloured.sensors)} go beyond 1: errors that are not independent cannot be weighed, only left out"
         )
-    for what, conflicting in (("a posterior criterion", knowledge), ("robust", robust)):
-        if conflicting is not None:
-            raise InputError(f"weights: {what} does not know of weights; use one of the two")
+    if knowledge is not None and not np.isin(weights, (0.0, 1.0)).all():
+        share = weights[~np.isin(weights, (0.0, 1.0))][0]
+        raise InputError(f"weights has the entry {share:g}: a posterior criterion has a sample or has it not: must be 0 or 1")
+    if robust is not None:
+        raise InputError("weights: robust does not know of weights; use one of the two")
 
 
 def position_of(names: Sequence[str]) -> tuple[int, int]:
