@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,7 @@ from obsdesign.selection.posterior.comparison import compare_schedules
 from obsdesign.selection.posterior.filter_certificate import ROUNDING_MARGIN, certify, failed_schedule
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
 from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
+from obsdesign.selection.posterior.lost_sensors import answer_without, best_for_all, questions_without
 from obsdesign.selection.posterior.options import Options, build_options, switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, Over, build_question
@@ -48,6 +50,7 @@ def select_for_filter(
     rules: Sequence[AbstractRule] = (),
     floor: Mapping[str, float] | None = None,
     flown: np.ndarray | None = None,
+    robust_to: int = 0,
     gap: float = 1e-3,
     time_limit: float | None = None,
     seed: int = 0,
@@ -78,6 +81,8 @@ def select_for_filter(
             sensor that is less sure than its model. The schedule is chosen with it, value and bound count it, `predicted` does not.
         flown (K, S): what was on when the path was driven; `compared` then has its cost and `notes` say how much could have been saved
             at most, by the bound.
+        robust_to: how many sensors may be lost, whichever they are: value, bound, `predicted` and `compared` are those of the worst loss.
+            The bound is the largest of those for one loss each: valid, but it seldom closes.
         gap: how near to the best the schedule is to be proven, as a share of the cost (a difference for LogDet()).
         time_limit: stops with what there is [s]; None = never. Without one, so much work is done, the same on every machine.
         seed: seed of the random schedules that are compared.
@@ -88,6 +93,9 @@ def select_for_filter(
     require_count("per_segment", per_segment, maximum=len(system.model.channels))
     require_within("gap", gap)
     require_count("seed", seed, minimum=0)
+    require_count("robust_to", robust_to, minimum=0, maximum=len(system.model.channels) - 1)
+    if robust_to and flown is not None:
+        raise InputError(f"flown is given with robust_to {robust_to}: what was flown has lost no sensor; leave one of them out")
     if time_limit is not None:
         require_positive("time_limit", time_limit)
     settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active, floor)
@@ -96,9 +104,14 @@ def select_for_filter(
     options = build_options(tuple(rules), per_segment, question.segments, question.answers)
     question = settle_unknown_inputs(question, options)
     problem = problem_of(question, options)
-    schedule = solve_question(question, problem, gap=gap, time_limit=time_limit)
+    sets = [question] if not robust_to else questions_without(question, robust_to)
+    solve = solve_question if not robust_to else partial(solve_for_losses, sets)
+    schedule = solve(question, problem, gap=gap, time_limit=time_limit)
     if schedule.status.has_answer:
-        schedule = replace(schedule, compared=compare_schedules(question, problem, per_segment, seed))
+        compared = compare_schedules(question, problem, per_segment, seed)
+        if robust_to:
+            compared = tuple(replace(other, value=_worst_cost(sets, options, other.chosen)) for other in compared)
+        schedule = replace(schedule, compared=compared)
         return schedule if on is None else with_flown(question, problem, schedule, on)
     if throw:
         raise SolveError("sensor selection for the filter", schedule.status)
@@ -115,6 +128,28 @@ def solve_question(question: FilterQuestion, problem: PosteriorProblem, *, gap: 
         )
     schedule = certify(question, problem, answer.walk, answer, gap=gap)
     return replace(schedule, notes=floor_notes(question, problem.options, schedule)) if question.floors.any() else schedule
+
+
+def solve_for_losses(
+    sets: list[FilterQuestion], question: FilterQuestion, problem: PosteriorProblem, *, gap: float, time_limit: float | None
+) -> FilterSchedule:
+    """Return the schedule for the worst of the questions without a set of sensors, compared with nothing."""
+    share = None if time_limit is None else time_limit / len(sets)
+    accuracy = max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN)
+    lost_sets = [answer_without(part, problem_of(part, problem.options), accuracy, share) for part in sets]
+    nodes = best_for_all(lost_sets)
+    if nodes is None:
+        return solve_question(question, problem, gap=gap, time_limit=time_limit)
+    records = [certify(lost.question, lost.problem, lost.problem.walk(nodes), lost.answer, gap=gap) for lost in lost_sets]
+    worst, bound = max(records, key=lambda record: record.value), max(record.bound for record in records)
+    is_relative = question.costs.criterion.gap_kind == "relative"
+    remaining = (1 - bound / worst.value if worst.value else 0.0) if is_relative else worst.value - bound
+    status = Status.OPTIMAL if remaining <= max(gap, 2 * ROUNDING_MARGIN) else Status.GAP_OPEN
+    return replace(worst, bound=bound, gap=remaining, status=status, bound_by=f"one loss of {len(sets)} at a time, {worst.bound_by}")
+
+
+def _worst_cost(sets: list[FilterQuestion], options: Options, chosen: np.ndarray) -> float:
+    return max(part.schedule_cost(chosen) for part in sets) + switching_of(options, chosen)
 
 
 def require_schedule(what: str, schedule: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
