@@ -73,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--quiet", action="store_true", help="no progress, no summary")
     select = _verb(verbs, "select", _select, "choose the sensors along a path from a file, or along that of an earlier run")
     select.add_argument("path", type=Path, help="CSV file with t, the states and perhaps the inputs, or a folder with a trajectory.csv")
-    select.add_argument("--scenario", type=Path, required=True, help="TOML file: vehicle, sensors, prior, time.segment, selection")
+    select.add_argument("--scenario", type=Path, required=True, help="TOML file: vehicle, sensors, prior, time, selection; no design")
     select.add_argument("--out", type=Path, help="folder for report.html, result.json, trajectory.csv, schedule.csv (default: none)")
     select.add_argument("--seed", type=_whole_number_type(0), help="overrides the scenario's seed")
     select.add_argument("--quiet", action="store_true", help="no table")
@@ -133,9 +133,9 @@ def _run(options: argparse.Namespace) -> ExitCode:
 
 
 def _select(options: argparse.Namespace) -> ExitCode:
-    from obsdesign.scenario.loading import load_scenario
+    from obsdesign.scenario.loading import load_scenario_of_path
 
-    scenario = load_scenario(options.scenario)
+    scenario = load_scenario_of_path(options.scenario)
     if options.out is not None:
         _require_writable(options.out)
 
@@ -157,7 +157,10 @@ def _select(options: argparse.Namespace) -> ExitCode:
         from obsdesign.report.terminal import schedule_of
 
         written = () if options.out is None else (f"\nWritten to {options.out}/: open report.html",)
-        Console(highlight=False, soft_wrap=True).print(schedule_of(result), *path_file.notes, *written, sep="\n", markup=False)
+        console = Console(highlight=False, soft_wrap=True)
+        console.print(schedule_of(result))
+        for line in (*path_file.notes, *written):
+            console.print(line, markup=False)
     return ExitCode.DONE
 
 

@@ -20,6 +20,7 @@ import obsdesign.criteria
 import obsdesign.paths
 import obsdesign.rules
 from obsdesign.families import kinds
+from obsdesign.scenario.loading import load_scenario_of_path
 from obsdesign.scenario.schema import DesignTable, SelectionTable
 from obsdesign.study.problem import problem_of
 
@@ -288,6 +289,19 @@ def test_bad_input_is_one_message_that_names_key_value_and_remedy(case, tmp_path
 
 
 BAD_PAIRS = {
+    "lost sensors in a schedule for the filter": (
+        [selection('question = "filter"\nrobust_to = 1')],
+        ["selection.robust_to", "is 1", "must be 0", 'question = "filter"'],
+    ),
+    "an unknown question": ([selection('question = "now"')], ["selection.question", "'now'", "'filter' or 'start'"]),
+    "a schedule over an unknown word": ([selection('over = "median"')], ["selection.over", "'median'", "'end', 'mean' or 'worst'"]),
+    "too few weights of instants": ([selection("over = [1.0, 2.0]")], ["selection.over", "has 2 weights", "must be 120"]),
+    "a negative weight of an instant": ([selection(f"over = {[-1.0] + 119 * [1.0]}")], ["selection.over[0]", "is -1", "at least 0"]),
+    "weights of instants that are all 0": ([selection(f"over = {120 * [0.0]}")], ["selection.over", "120 weights, all 0"]),
+    "a question without a prior": (
+        [selection('question = "filter"'), ("[prior]\nx = 50.0\n", "[prior]\n")],
+        ["prior.x", "missing key"],
+    ),
     "a time beyond the shortest path": (
         [design("shortest = 60.0"), table(VIA.format(90.0))],
         ["design.constraints[2].first", "90 s", "60 s"],
@@ -434,6 +448,35 @@ def test_bad_given_paths_are_refused(case, tmp_path):
         od.load_scenario(tmp_path / "scenario.toml")
     for part in expected:
         assert part in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "question"),
+    [
+        ((), "filter"),  # there is process noise
+        (selection('question = "start"'), "start"),
+        (selection("robust_to = 1"), "start"),  # lost sensors are known there alone
+        (("heading = 0.01\nwind_x = 0.1\nwind_y = 0.1", "heading = 0.0"), "start"),
+    ],
+)
+def test_a_schedule_serves_the_filter_where_there_is_process_noise(change, question, tmp_path):
+    (tmp_path / "scenario.toml").write_text(changed(*([change] if change else [])))
+    assert od.load_scenario(tmp_path / "scenario.toml").schedule_question == question
+
+
+def test_a_criterion_gap_and_switching_costs_belong_to_the_question_that_is_asked(tmp_path):
+    (tmp_path / "plain.toml").write_text(changed(rule('kind = "switching_cost"\ncost = 0.1')))
+    (tmp_path / "start.toml").write_text(changed(selection('question = "start"\ngap = 1e-5\ncriterion = "log_det"')))
+    plain, start = od.load_scenario(tmp_path / "plain.toml"), od.load_scenario(tmp_path / "start.toml")
+    assert (plain.filter_criterion, plain.schedule_criterion, plain.filter_gap) == (od.TraceInverse(), od.MinEigenvalue(), 1e-3)
+    assert (start.filter_criterion, start.schedule_criterion, start.filter_gap) == (od.LogDet(), od.LogDet(), 1e-3)
+    assert (len(plain.rules_for("filter")), len(plain.rules_for("start"))) == (1, 0)
+
+
+def test_a_path_from_a_file_needs_no_design(tmp_path):
+    text = GIVEN.read_text()
+    (tmp_path / "scenario.toml").write_text(text[: text.index("# A Dubins path")] + text[text.index("[selection]") :])
+    assert load_scenario_of_path(tmp_path / "scenario.toml").schedule_question == "start"
 
 
 def test_without_a_design_or_paths_there_is_nothing_to_study(tmp_path):

@@ -26,8 +26,8 @@ from obsdesign.report.sections._rules import rule_in_words
 from obsdesign.report.sections._segment_traits import segment_traits, usage_in_words
 from obsdesign.report.sections.schedule import losses_table, usage_table
 from obsdesign.report.to_document import document_of
+from obsdesign.study.broken_rules import rule_violations
 from obsdesign.study.runner import run, select_along
-from obsdesign.study.schedules import rule_violations
 
 FLOAT = """
 title = "Float <in> a current"
@@ -228,7 +228,7 @@ def test_the_verb_prints_the_schedule_and_writes_the_files(verb, plain):
     with (folder / "out" / "schedule.csv").open() as table:
         header, *rows = csv.reader(table)
     assert header == ["segment", "from [s]", "to [s]", "gps", "magnetometer", "bearing", "array"]
-    assert [list(map(int, row[3:])) for row in rows] == found["chosen"]
+    assert [list(map(int, row[3:])) for row in rows] == found["used"] == found["filter"]["chosen"]
 
 
 def test_the_verb_takes_the_folder_of_a_run_and_tells_as_json(verb):

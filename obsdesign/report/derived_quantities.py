@@ -134,7 +134,7 @@ def segment_shares(study: Study) -> np.ndarray:
 def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
     scenario, path = study.scenario, study.main.path
-    active = active_steps(scenario.system, path, schedule_at_steps(study.selection.schedule.chosen, study.main.nodes))
+    active = active_steps(scenario.system, path, schedule_at_steps(study.selection.chosen, study.main.nodes))
     J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
     columns = study.problem.position
     return np.linalg.inv(J)[np.ix_(range(len(J)), columns, columns)]
@@ -163,7 +163,7 @@ def final_changes(study: Study) -> tuple[ErrorChange, ...]:
 
 def baseline(study: Study) -> FilterCheck:
     """The filter runs on the path that one would take without thinking, with the naive schedule."""
-    return next(check for check in study.checks if check.path == study.baseline and check.schedule != CHOSEN)
+    return next(check for check in study.checks if check.path == study.baseline and check.schedule == study.selection.rivals[0].name)
 
 
 def settling_time(study: Study) -> float:

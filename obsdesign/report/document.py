@@ -30,8 +30,42 @@ class ParetoPart(DocumentPart):
     chosen: list[list[list[int]]] = Field(description="the schedules, (K, S) each")
 
 
+class RatedPart(DocumentPart):
+    """A schedule under both questions."""
+
+    information: Number = Field(description="the criterion of what all samples say of the start: larger is better")
+    cost: Number = Field(description="that of the filter's covariance along the way: smaller is better; null: a state is hidden")
+    broken: list[str] = Field(description="the rules that it breaks")
+
+
+class FilterPart(DocumentPart):
+    """The schedule for what a filter knows along the way, in units of the prior's standard deviations."""
+
+    criterion: str = Field(description="kind of the criterion of the covariance")
+    minimised: str = Field(description="the cost, in words")
+    over: str | list[float] = Field(description="which instants count: mean, worst, end, or a weight for each step")
+    gap_kind: Literal["relative", "absolute"] = Field(description="whether the gap is a share of the value or a difference")
+    status: str
+    chosen: list[list[int]] = Field(description="(K, S): 1 where the sensor is on in the segment")
+    seconds: dict[str, float] = Field(description="how long each sensor is on [s]")
+    value: Number = Field(description="cost of the schedule: smaller is better")
+    bound: Number = Field(description="no schedule that keeps the rules costs less than this")
+    gap: Number = Field(description="1 - bound / value, or value - bound where gap_kind is absolute")
+    bound_by: str = Field(description="what proved the bound")
+    memory: Number = Field(description="segments until half of what a choice brings is forgotten; null: it never is")
+    prices: list[list[Number]] = Field(description="(K, S): the cost without a sensor in a segment less that with it, all else as chosen")
+    predicted: dict[str, list[Number]] = Field(description="standard deviations after the samples at t_k, k = 0..N-1, by state")
+    compared: dict[str, Number] = Field(description="cost of what others would have on; some of them break rules")
+    rated: dict[str, RatedPart] = Field(description="schedules under both questions")
+    notes: list[str] = Field(description="what went otherwise than planned")
+
+
 class SelectionPart(DocumentPart):
-    """The sensor schedule along a path."""
+    """The sensor schedules along a path: value, bound and all that follows from them are about the start; `filter` is about the filter."""
+
+    question: Literal["filter", "start"] = Field(description="which of the two is asked")
+    used: list[list[int]] = Field(description="(K, S): the schedule of the question that is asked: validation's `chosen`, schedule.csv")
+    filter: FilterPart | None = Field(description="null: too many sets of sensors to choose from")
 
     criterion: str = Field(description="kind of the criterion of S W S, from which what switching costs is taken off")
     criterion_label: str = Field(description="what sentences call it")
@@ -147,7 +181,7 @@ class Result(DocumentPart):
     selection: SelectionPart = Field(description="of the designed path, or of the first that is given")
     selections: dict[str, SelectionPart] = Field(description="by path, where several are given")
     t: list[float] = Field(description="times of the histories below [s]")
-    validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule")
+    validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule; chosen: of the question asked")
     joint: JointPart | None = Field(description="null: none was asked for")
     flight: FlightPart | None = Field(description="null: none was asked for")
     expected: list[Expectation]

@@ -34,7 +34,7 @@ def write_report(folder: str | Path, study: Study) -> Result:
         "report.html": page_of(study),
         "result.json": as_json(result),
         "trajectory.csv": trajectory_csv(study.scenario.system, study.main.path),
-        "schedule.csv": schedule_csv(study.selection.schedule.chosen, study.scenario.sensor_names, segment_nodes(study)),
+        "schedule.csv": schedule_csv(study.selection.chosen, study.scenario.sensor_names, segment_nodes(study)),
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)

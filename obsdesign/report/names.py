@@ -7,8 +7,9 @@ import re
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.violation import Violation
 from obsdesign.report.number_format import NARROW, display_unit, numeral, percent
-from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE
+from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE, Scenario
 from obsdesign.signals import Signal
+from obsdesign.study.rated_schedules import FilterAnswer
 from obsdesign.study.record import Study
 
 _MAX_NAMED = 3  # limits that are named
@@ -50,6 +51,35 @@ def gap_in_words(study: Study) -> str:
     """Return the gap of the schedule: a share of the bound, or a difference where those count."""
     gap = study.selection.schedule.gap
     return percent(gap) if has_relative_gap(study) else numeral(gap)
+
+
+_COSTS = {
+    "trace_inverse": "the sum of the variances of the filter's errors",
+    "min_eigenvalue": "the variance of the filter's error in the combination of states known least",
+    "log_det": "the log determinant of the filter's covariance",
+}
+_INSTANTS = {"mean": "averaged over the way", "worst": "at the worst instant", "end": "at the last samples"}
+
+
+def minimised_in_words(scenario: Scenario) -> str:
+    """Return what a schedule for the filter minimises."""
+    about, over = scenario.design.about, scenario.selection.over
+    when = _INSTANTS[over] if isinstance(over, str) else "weighted over the way"
+    return f"{_COSTS[scenario.filter_criterion_kind]}{' in ' + ', '.join(about) if about else ''}, {when}"
+
+
+def asked_gap(study: Study) -> str:
+    """Return the gap of the schedule of the question that is asked."""
+    answer = study.selection.filter
+    if study.selection.question == "start" or answer is None:
+        return gap_in_words(study)
+    return filter_gap(study, answer)
+
+
+def filter_gap(study: Study, answer: FilterAnswer) -> str:
+    """Return the gap of the schedule for the filter: a share of its cost, or a difference where those count."""
+    is_relative = study.scenario.filter_criterion.gap_kind == "relative"
+    return percent(answer.schedule.gap) if is_relative else numeral(answer.schedule.gap)
 
 
 def gap_formula(study: Study) -> str:

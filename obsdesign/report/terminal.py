@@ -7,21 +7,49 @@ from rich.box import SIMPLE
 from rich.console import Group
 from rich.markup import escape
 
-from obsdesign.report.document import DesignPart, Result, SelectionPart, ValidationPart
+from obsdesign.report.document import DesignPart, FilterPart, Result, SelectionPart, ValidationPart
 from obsdesign.report.table import Entry, Table, TableColumn, tabulate
 from obsdesign.status import Status
+from obsdesign.study.rated_schedules import FOR
 
 
 def summary_of(result: Result) -> Group:
     """Return what a terminal shows of a result: what is hidden, the paths, the schedules, the filter."""
     several = len(result.selections) > 1
-    schedules = [_schedule(name if several else "", selection) for name, selection in result.selections.items()]
+    schedules = [table for name, selection in result.selections.items() for table in _schedules(name if several else "", selection)]
     return Group(*map(_render, (_hidden(result), _paths(result), *schedules, _filter(result))))
 
 
 def schedule_of(result: Result) -> Group:
-    """Return what a terminal shows of a schedule alone: its value, when each sensor is on, what losing one costs."""
-    return Group(_render(_schedule("", result.selection, "Which?")), _render(_sensors(result.selection)))
+    """Return what a terminal shows of schedules alone: what was asked, their values, when each sensor is on, what losing one costs."""
+    selection = result.selection
+    tables = [*_schedules("", selection, "Which?"), _sensors(selection)]
+    return Group(*_opening_line(selection), *map(_render, tables))
+
+
+def _opening_line(selection: SelectionPart) -> tuple[str, ...]:
+    """Say what was minimised or maximised, and what is proven of it."""
+    answer = selection.filter
+    if selection.question == "start" or answer is None:
+        label = escape(selection.criterion_label)
+        bound = f"{_number(_value(selection.value))}, no schedule is above {_number(_value(selection.bound))} (gap {_gap(selection)})"
+        return (f"maximised: {label} of the information about the state at the start, without process noise and prior: {bound}",)
+    bound = f"{_number(_cost(answer.value))}, no schedule is below {_number(_cost(answer.bound))} (gap {_gap(answer)})"
+    return (f"minimised: {escape(answer.minimised)}, with process noise and prior: {bound}",)
+
+
+def _cost(value: float | None) -> float:
+    """A number of the document, in which null is plus infinity."""
+    return float("inf") if value is None else value
+
+
+def _schedules(path: str, selection: SelectionPart, title: str = "3 Which?") -> list[Table]:
+    """Return the tables of both questions, that of the one that is asked first."""
+    answer = selection.filter
+    if answer is None:
+        return [_schedule(path, selection, title)]
+    tables = [_schedule_for_filter(path, answer, title), _schedule(path, selection, title)]
+    return tables if selection.question == "filter" else tables[::-1]
 
 
 def _render(table: Table) -> rich.Table:
@@ -71,7 +99,7 @@ def _cap(suite: str, design: DesignPart) -> str:
 
 
 def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> Table:
-    of = f" {path}:" if path else ""
+    of = f" {path}," if path else ""
     rows: list[tuple[Entry, Entry]] = [("chosen", _value(selection.value))]
     if selection.exact_value is not None:
         rows.append(("chosen, all its samples together (the others: counted from below)", selection.exact_value))
@@ -83,10 +111,28 @@ def _schedule(path: str, selection: SelectionPart, title: str = "3 Which?") -> T
     rules = [f"rule: {rule}" for rule in selection.rules]
     notes = [f"status: {Status[selection.status].value}", about, *rules, *selection.notes]
     good = f"{selection.criterion_label} of S W S: more is better; no unit"
-    return tabulate(f"{title}{of}", good, (TableColumn("schedule"), TableColumn("value", _number)), rows, notes)
+    return tabulate(f"{title}{of} for the start", good, (TableColumn("schedule"), TableColumn("value", _number)), rows, notes)
 
 
-def _gap(selection: SelectionPart) -> str:
+def _schedule_for_filter(path: str, answer: FilterPart, title: str) -> Table:
+    of = f" {path}," if path else ""
+    rows: list[tuple[Entry, Entry]] = [("chosen", _cost(answer.value))]
+    rows.append(("no schedule is below", f"{_number(_cost(answer.bound))} (gap {_gap(answer)})"))
+    others = [(name, rated) for name, rated in answer.rated.items() if name != FOR["filter"]]
+    rows += [(name + (" (breaks the rules)" if rated.broken else ""), _cost(rated.cost)) for name, rated in others]
+    rows += [(name, _cost(value)) for name, value in answer.compared.items() if name in ("best of random ones", "nothing on")]
+    memory = "never" if answer.memory is None else f"after {answer.memory:g} segments"
+    notes = [
+        f"status: {Status[answer.status].value}; the bound: by {answer.bound_by}",
+        f"minimised: {answer.minimised}, with process noise and prior",
+        f"half of what a choice brings is forgotten: {memory}",
+        *answer.notes,
+    ]
+    good = "cost: less is better; no unit, scaled by the prior"
+    return tabulate(f"{title}{of} for the filter", good, (TableColumn("schedule"), TableColumn("cost", _number)), rows, notes)
+
+
+def _gap(selection: SelectionPart | FilterPart) -> str:
     if selection.gap is None:
         return "none"
     return f"{selection.gap:.3g}" if selection.gap_kind == "absolute" else f"{selection.gap:.2%}"
@@ -95,13 +141,14 @@ def _gap(selection: SelectionPart) -> str:
 def _sensors(selection: SelectionPart) -> Table:
     rows = []
     for name, seconds in selection.seconds.items():
+        on = () if selection.filter is None else (selection.filter.seconds[name],)
         loss = selection.losses.get(name)
         left = ("", "", "") if loss is None else tuple(map(_value, (loss.kept, loss.rechosen, loss.bound)))
-        rows.append((name, seconds, *left))
+        rows.append((name, *on, seconds, *left))
+    heads = ("on for the filter [s]",) * (selection.filter is not None) + ("on for the start [s]",)
     values = (TableColumn(head, _number) for head in ("kept", "chosen anew", "bound"))
-    return tabulate(
-        "Sensors, and what is left when one is lost", "", (TableColumn("sensor"), TableColumn("on [s]", _general), *values), rows
-    )
+    columns = (TableColumn("sensor"), *(TableColumn(head, _general) for head in heads), *values)
+    return tabulate("Sensors, and what is left of the information about the start when one is lost", "", columns, rows)
 
 
 def _general(value: float) -> str:

@@ -31,6 +31,7 @@ from obsdesign.report.document import (
 from obsdesign.report.document_parts import ScenarioPart, VerdictPart
 from obsdesign.report.expectations import Expectation, check_expectations
 from obsdesign.report.paths_to_document import design_part, path_part, suite_key, violation_parts
+from obsdesign.report.schedules_to_document import filter_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
@@ -110,6 +111,9 @@ def _selection(study: Study) -> SelectionPart:
     selection, settings, sensors = study.selection, study.scenario.selection, study.scenario.sensor_names
     schedule, random = selection.schedule, selection.random_values
     return SelectionPart(
+        question=selection.question,
+        used=selection.chosen.astype(int).tolist(),
+        filter=None if selection.filter is None else filter_part(study, selection.filter),
         criterion=settings.criterion,
         criterion_label=study.scenario.schedule_criterion.label,
         gap_kind=study.scenario.schedule_criterion.gap_kind,

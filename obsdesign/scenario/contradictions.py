@@ -21,8 +21,8 @@ _MAX_STEPS = 1_000_000  # of a path that is designed and reported: more do not f
 _TOLERANCE = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
 
-def find_contradictions(scenario: Scenario) -> Iterator[Problem]:
-    """Yield what is wrong between values that are each acceptable."""
+def find_contradictions(scenario: Scenario, has_path: bool = False) -> Iterator[Problem]:
+    """Yield what is wrong between values that are each acceptable; has_path: there is a path beside the scenario's own."""
     if excess := list(_size_problems(scenario)):
         yield from excess  # nothing else could be looked at in finite time
         return
@@ -31,7 +31,7 @@ def find_contradictions(scenario: Scenario) -> Iterator[Problem]:
     yield from _choice_problems(scenario)
     yield from _selection_problems(scenario)
     yield from find_rule_problems(scenario)
-    yield from _path_source_problems(scenario)
+    yield from _path_source_problems(scenario, has_path)
     yield from _criterion_problems(scenario)
     yield from _baseline_problems(scenario)
     yield from _time_problems(scenario)
@@ -116,6 +116,13 @@ def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("selection", "per_segment"), f"is {per_segment}: must be at most the number of sensors, {sensors}")
     if len(naive) > per_segment:
         yield Problem(("selection", "naive"), f"is {', '.join(naive)}: must be at most per_segment sensors, {per_segment}")
+    if settings.question == "filter" and settings.robust_to:
+        message = f'is {settings.robust_to}: must be 0 with question = "filter"; only a schedule for the start knows of lost sensors'
+        yield Problem(("selection", "robust_to"), message)
+    if settings.question == "filter" and not scenario.has_filter_schedule:
+        message = f"is filter: with {per_segment} of {sensors} sensors on at a time there are too many sets of them; start is possible"
+        yield Problem(("selection", "question"), message)
+    yield from _weight_problems(scenario, ("selection", "over"), settings.over)
 
 
 def _criteria_of_matrices() -> list[str]:
@@ -143,23 +150,27 @@ def _posterior_problems(scenario: Scenario) -> Iterator[Problem]:
     if design.criterion != "posterior":
         unused = [key for key in ("posterior_criterion", "over") if key in design.model_fields_set]
         yield from (Problem(("design", key), f"needs the criterion posterior: it is {design.criterion}") for key in unused)
-    if isinstance(design.over, str):
+    yield from _weight_problems(scenario, ("design", "over"), design.over)
+
+
+def _weight_problems(scenario: Scenario, location: Location, over: str | tuple[float, ...]) -> Iterator[Problem]:
+    """What is wrong with the weights of instants."""
+    if isinstance(over, str):
         return
-    location = ("design", "over")
-    for i, weight in enumerate(design.over):
+    for i, weight in enumerate(over):
         if weight < 0:
             yield Problem((*location, i), f"is {weight:g}: must be at least 0")
-    if not any(design.over):
-        yield Problem(location, f"has {len(design.over)} weights, all 0: one at least must be above 0")
-    if design.shortest is not None:
-        yield Problem(location, "has weights, one for each step: they do not go with shortest")
-    elif len(design.over) != scenario.steps:
-        yield Problem(location, f"has {len(design.over)} weights: must be {scenario.steps}, one for each step of the path")
+    if not any(over):
+        yield Problem(location, f"has {len(over)} weights, all 0: one at least must be above 0")
+    if scenario.design.shortest is not None:
+        yield Problem(location, "has weights, one for each step: they do not go with design.shortest")
+    elif len(over) != scenario.steps:
+        yield Problem(location, f"has {len(over)} weights: must be {scenario.steps}, one for each step of the path")
 
 
-def _path_source_problems(scenario: Scenario) -> Iterator[Problem]:
+def _path_source_problems(scenario: Scenario, has_path: bool) -> Iterator[Problem]:
     """Paths are designed or given, not both."""
-    if scenario.design.path is None and not scenario.paths:
+    if scenario.design.path is None and not scenario.paths and not has_path:
         yield Problem(("design", "path") if "design" in scenario.model_fields_set else ("design",), "missing key")
     if scenario.design.path is not None and scenario.paths:
         yield Problem(("paths",), "does not go with design.path: paths are designed or given; [[baselines]] are compared with a design")

@@ -33,7 +33,15 @@ def load_scenario(file: str | Path) -> Scenario:
     Raises ScenarioError for a file that cannot be read, for TOML that is none (line and column), and for every key that is
     unknown, missing or has a value that is not accepted: all of them in one message.
     """
-    file = Path(file)
+    return _load(Path(file), has_path=False)
+
+
+def load_scenario_of_path(file: Path) -> Scenario:
+    """Read and check a scenario for a path that stands in a file of its own, so that no [design] is needed; see load_scenario."""
+    return _load(file, has_path=True)
+
+
+def _load(file: Path, has_path: bool) -> Scenario:
     try:
         content = file.read_bytes()
         data = tomllib.loads(content.decode())
@@ -44,7 +52,7 @@ def load_scenario(file: str | Path) -> Scenario:
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
     reserved_keys = [Problem((key,), message_for_unknown_key(key, _keys_at(()))) for key in _INTERNAL_FIELDS if key in data]
-    scenario, problems = _validate(data, str(file), hashlib.sha256(content).hexdigest())
+    scenario, problems = _validate(data, str(file), hashlib.sha256(content).hexdigest(), has_path)
     problems = reserved_keys + problems
     if scenario is None or problems:
         count = "" if len(problems) == 1 else f" {len(problems)} problems"
@@ -52,7 +60,7 @@ def load_scenario(file: str | Path) -> Scenario:
     return scenario
 
 
-def _validate(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario | None, list[Problem]]:
+def _validate(data: dict[str, Any], file: str, digest: str, has_path: bool) -> tuple[Scenario | None, list[Problem]]:
     oversized = list(too_large(data))
     if oversized:
         return None, oversized
@@ -63,7 +71,8 @@ def _validate(data: dict[str, Any], file: str, digest: str) -> tuple[Scenario | 
     except ValidationError as error:
         return None, [describe_error(detail, data, _keys_at) for detail in error.errors() if not of_another_type(detail, data)]
     wrong = [Problem(location, "is given in degrees: is no angle") for location in non_angles(data, scenario)]
-    return scenario, wrong + [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario)]
+    contradictions = [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path)]
+    return scenario, wrong + contradictions
 
 
 def _keys_at(location: Location) -> Sequence[str]:

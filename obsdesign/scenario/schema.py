@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import comb
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
@@ -15,12 +16,14 @@ import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import leaf
+from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.scenario.kind_tables import family_of, flat_table
 from obsdesign.sensors.abstract import distinct_names
 
 if TYPE_CHECKING:
     from obsdesign.dynamics.system import System
     from obsdesign.prior import Prior
+    from obsdesign.rules.abstract import AbstractRule
 
 
 class _ScenarioTable(BaseModel):
@@ -129,6 +132,10 @@ class DesignTable(_ScenarioTable):
     robust: RobustTable | None = None
 
 
+Question = Literal["filter", "start"]
+_FILTER_GAP = 1e-3  # to which a schedule for the filter is proven, unless the file says otherwise
+_MAX_SETS = 1000  # sets of sensors that a schedule for the filter chooses from
+
 _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]}
 
 
@@ -137,13 +144,32 @@ def _as_tuple(value: Any) -> Any:  # noqa: ANN401
 
 
 class SelectionTable(_ScenarioTable):
-    """Which sensors, when."""
+    """Which sensors, when, and to what end."""
 
+    question: Question | None = Field(
+        default=None,
+        description="whom a schedule serves: filter = what a filter knows along the way, start = what all samples say of the state at the "
+        "start; default: filter where [process_noise] is given and nothing is asked that only start knows, else start",
+    )
+    over: Literal["mean", "worst", "end"] | tuple[float, ...] = Field(
+        default="mean",
+        description="which instants count for the filter: the mean of all, the worst, the last, or weights, one for each step",
+    )
     per_segment: int = Field(default=1, ge=1, description="how many sensors may be on at a time")
-    criterion: str = Field(default="min_eigenvalue", description="min_eigenvalue, log_det or trace_inverse")
-    robust_to: int = Field(default=0, ge=0, description="how many sensors may be lost, whichever they are")
-    gap: float = Field(default=1e-9, ge=0, description="the search ends when the schedule is proven to be within this of the best")
-    pareto: int = Field(default=0, ge=0, description="points of the front of information against what an energy_budget counts")
+    criterion: str = Field(
+        default="min_eigenvalue",
+        description="min_eigenvalue, log_det or trace_inverse, of the information or of the filter's covariance; default: min_eigenvalue "
+        "for the start, trace_inverse, the sum of the variances, for the filter",
+    )
+    robust_to: int = Field(default=0, ge=0, description="how many sensors may be lost, whichever they are; only for the start")
+    gap: float = Field(
+        default=1e-9,
+        ge=0,
+        description="the search ends when the schedule is proven to be within this of the best; default: 1e-9, for the filter 1e-3",
+    )
+    pareto: int = Field(
+        default=0, ge=0, description="points of the front of information about the start against what an energy_budget counts"
+    )
     rules: tuple[family_of(obsdesign.rules), ...] = ()  # pyright: ignore[reportInvalidTypeForm]
     naive: Annotated[tuple[str, ...], BeforeValidator(_as_tuple), WithJsonSchema(_NAMES)] = Field(
         default=(), description="the sensor, or per_segment of them, that the naive schedule keeps on; default: the first"
@@ -262,6 +288,42 @@ class Scenario(_ScenarioTable):
     def schedule_criterion(self) -> AbstractCriterion:
         """What a schedule is judged by."""
         return leaf(obsdesign.criteria, self.selection.criterion)()
+
+    @property
+    def schedule_question(self) -> Question:
+        """Whom the schedule serves: the filter along the way, or information about the start."""
+        settings = self.selection
+        if settings.question is not None:
+            return settings.question
+        is_for_filter = any(self.process_noise.values()) and not settings.robust_to and self.has_filter_schedule
+        return "filter" if is_for_filter else "start"
+
+    @property
+    def has_filter_schedule(self) -> bool:
+        """Whether the sets of sensors that may be on are few enough for a schedule for the filter."""
+        sensors, per_segment = len(self.sensors), self.selection.per_segment
+        return sum(comb(sensors, size) for size in range(min(per_segment, sensors) + 1)) <= _MAX_SETS
+
+    @property
+    def filter_criterion_kind(self) -> str:
+        """Kind of what the covariance of a filter is judged by."""
+        return self.selection.criterion if "criterion" in self.selection.model_fields_set else "trace_inverse"
+
+    @property
+    def filter_criterion(self) -> AbstractCriterion:
+        """What the covariance of a filter is judged by."""
+        return leaf(obsdesign.criteria, self.filter_criterion_kind)()
+
+    @property
+    def filter_gap(self) -> float:
+        """How near to the best a schedule for the filter is to be proven."""
+        is_given = "gap" in self.selection.model_fields_set and self.schedule_question == "filter"
+        return self.selection.gap if is_given else _FILTER_GAP
+
+    def rules_for(self, question: Question) -> tuple[AbstractRule, ...]:
+        """Return the rules that count for a question: what switching costs is in the unit of the one that is asked."""
+        is_asked = question == self.schedule_question
+        return tuple(rule for rule in self.selection.rules if is_asked or not isinstance(rule, SwitchingCost))
 
     @property
     def naive_sensors(self) -> tuple[str, ...]:

@@ -18,10 +18,11 @@ from obsdesign.information.blocks import Information
 from obsdesign.information.contribution_shares import Contributions
 from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight
-from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Scenario
+from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Question, Scenario
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.sensor_loss import Loss
+from obsdesign.study.rated_schedules import FOR, FilterAnswer
 from obsdesign.trajectory import Trajectory
 
 CHOSEN = "chosen"  # the name of the schedule, as STRAIGHT and DESIGNED are those of paths
@@ -105,8 +106,10 @@ class RivalSchedule:
 class Selection:
     """The schedule for a path, and what one would have done without thinking.
 
-    exact: what the samples of the chosen schedule say together where errors are not independent, so that the schedule's value and
-    bound, and those of the others, are about amounts from below; None where they are exact themselves.
+    schedule: for what all samples say of the start; filter: for what a filter knows along the way, with schedules under both questions,
+    None where it was not looked for; question: which of them is asked, so that the study uses its schedule.
+    exact: what the samples of the schedule for the start say together where errors are not independent, so that its value and bound, and
+    those of the others, are about amounts from below; None where they are exact themselves.
     random_values: values of random schedules that keep the rules, sorted; losses: what losing each sensor costs, () for a single
     one; pareto: information against energy, where asked for.
     """
@@ -117,6 +120,22 @@ class Selection:
     losses: tuple[Loss, ...] = ()
     pareto: Pareto | None = None
     exact: float | None = None
+    question: Question = "start"
+    filter: FilterAnswer | None = None
+
+    @property
+    def chosen(self) -> np.ndarray:
+        """The schedule (K, S) of the question that is asked: what is on."""
+        return self.filter.schedule.chosen if self.question == "filter" and self.filter is not None else self.schedule.chosen
+
+    @property
+    def other(self) -> tuple[str, np.ndarray] | None:
+        """Name and schedule (K, S) of the question that is not asked; None where it has no answer."""
+        if self.question == "filter":
+            return (FOR["start"], self.schedule.chosen) if self.schedule.status.has_answer else None
+        if self.filter is None or not self.filter.schedule.status.has_answer:
+            return None
+        return FOR["filter"], self.filter.schedule.chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +197,13 @@ class Study(AbstractDisplay):
             (f"design for {' + '.join(suite)}", f"{number(design.value)}, {design.status.value}")
             for suite, design in zip(self.suites, self.designs, strict=False)
         ]
-        rows.append(("schedule", f"{number(schedule.value)}, no schedule is above {number(schedule.bound)}, {schedule.status.value}"))
+        rows.append(
+            ("schedule for the start", f"{number(schedule.value)}, none is above {number(schedule.bound)}, {schedule.status.value}")
+        )
+        if self.selection.filter is not None:
+            answer = self.selection.filter.schedule
+            text = f"{number(answer.value)}, none is below {number(answer.bound)}, {answer.status.value}"
+            rows.append(("schedule for the filter", text))
         rows += [(f"filter on {check.path}, {check.schedule}", check.validation.verdict) for check in self.checks]
         rows.append(("took", number(sum(self.seconds.values()), "s")))
         return Summary(f"study: {self.scenario.title}", tuple(rows))

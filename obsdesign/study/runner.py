@@ -64,7 +64,10 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     selection = select(scenario, designed_path, designs[0].problem, seed, stage.report.within)
     stage("select", "" if scenario.codesign is None else "Together? Path and schedule at once")
     joint = _codesign(scenario, problems[0], seed, executor, stage.report.within)
-    stage("codesign" if joint is not None else "", f"Does it hold? {scenario.validation.runs} filter runs for each of 4 cases")
+    stage(
+        "codesign" if joint is not None else "",
+        f"Does it hold? {scenario.validation.runs} filter runs for each of {4 + (selection.other is not None)} cases",
+    )
     cases = tuple(next(candidate for candidate in candidates if candidate.name == name) for name in (DESIGNED, baseline_of(scenario)))
     checks = tuple(_checks(scenario, cases, selection, seed, executor, stage.report.within))
     stage("validate", "" if scenario.flight is None else f"In flight? A new plan every {scenario.flight.every:g} s")
@@ -105,7 +108,7 @@ def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progres
             f"Which? {case.name}: {len(case.nodes) - 1} segments, {scenario.selection.per_segment} of {len(scenario.sensors)} sensors on",
         )
         selection = select(scenario, case, problems[0], seed, stage.report.within)
-        stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of 2 cases")
+        stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of {2 + (selection.other is not None)} cases")
         checks = tuple(_checks(scenario, (case,), selection, seed, executor, stage.report.within))
         stage("validate", "")
         studies.append(Study(scenario, seed, analyses, problems, (), None, candidates, selection, checks, stage.seconds, about=case.name))
@@ -182,10 +185,11 @@ def _checks(
     executor: Executor | None,
     progress: Progress | None,
 ) -> Iterator[FilterCheck]:
-    """Filter runs on each path, with the chosen schedule and with the naive one."""
-    schedules = {CHOSEN: selection.schedule.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
+    """Filter runs on each path, with the chosen schedule and with the naive one; on the first with that of the other question too."""
+    schedules = {CHOSEN: selection.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
+    other = {} if selection.other is None else {selection.other[0]: selection.other[1]}
     for case in cases:
-        for name, chosen in schedules.items():
+        for name, chosen in (schedules | other if case is cases[0] else schedules).items():
             validation = validate(
                 scenario.system,
                 case.path,

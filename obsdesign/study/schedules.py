@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
 
 from obsdesign.design.problem import DesignProblem
 from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.progress import Progress
-from obsdesign.rules.abstract import AbstractRule, Segments
+from obsdesign.rules.abstract import Segments
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.scenario.schema import Scenario
 from obsdesign.selection.baselines import random_schedule, round_robin, single_sensor
 from obsdesign.selection.build import build_problem
 from obsdesign.selection.pareto import Pareto, pareto
-from obsdesign.selection.problem import SelectionProblem, switch_ons
+from obsdesign.selection.problem import SelectionProblem
 from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.sensor_loss import sensor_losses
 from obsdesign.selection.solver import select_sensors
+from obsdesign.study.broken_rules import rule_violations
+from obsdesign.study.filter_answer import answer_for_filter
+from obsdesign.study.rated_schedules import FOR, ROUND_ROBIN
 from obsdesign.study.record import Candidate, RivalSchedule, Selection
 
 RANDOM_SCHEDULES = 1000  # the share of them that is better has a standard error of at most sqrt(1 / 4000) = 1.6 %
 _RANDOM_UNDER_RULES = 200  # each takes a search of its own
+_RANDOM_FOR_FILTER = 50  # each takes a posterior along the path
 
 
 def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, seed: int, progress: Progress | None = None) -> Selection:
-    """Choose the sensors along a path, and rate the naive schedules."""
+    """Choose the sensors along a path, for the start and for the filter, and rate the naive schedules."""
     blocks, settings, criterion = problem.scaled(candidate.blocks), scenario.selection, scenario.schedule_criterion
     segments = segments_along(scenario.system.model, candidate.path, candidate.nodes)
-    (K, S), m, rules = blocks.shape[:2], settings.per_segment, settings.rules
+    (K, S), m, rules = blocks.shape[:2], settings.per_segment, scenario.rules_for("start")
     schedule = select_sensors(
         blocks,
         m,
@@ -42,25 +47,35 @@ def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, see
         progress=progress,
     )
     instance = build_problem(blocks, m, rules, criterion, settings.robust_to, segments)
-    naive = scenario.naive_sensors
-    fixed = np.any([single_sensor(K, S, scenario.sensor_names.index(name)) for name in naive], axis=0)
-    rivals = [(f"{' + '.join(naive)} always", fixed), ("round robin", round_robin(K, S, m))]
+    rivals = _naive_schedules(scenario, K)
     losses = sensor_losses(blocks, schedule, m, rules=rules, criterion=criterion, segments=segments) if S > 1 else ()
+    others = ({FOR["start"]: schedule.chosen} if schedule.status.has_answer else {}) | rivals
     return Selection(
         schedule=schedule,
         rivals=tuple(
-            RivalSchedule(name, chosen, instance.value(chosen), rule_violations(rules, segments, chosen)) for name, chosen in rivals
+            RivalSchedule(name, chosen, instance.value(chosen), rule_violations(rules, segments, chosen)) for name, chosen in rivals.items()
         ),
-        random_values=np.sort(
-            [
-                instance.value(random_chosen)
-                for random_chosen in _random_schedules(instance, m, bool(rules), np.random.default_rng([seed, 1]))
-            ]
-        ),
+        random_values=np.sort([instance.value(chosen) for chosen in _random_schedules(instance, m, bool(rules), seed)]),
         losses=losses,
         pareto=_pareto_front(scenario, blocks, segments, seed, progress) if settings.pareto else None,
         exact=_exact_value(candidate, problem, instance, schedule),
+        question=scenario.schedule_question,
+        filter=answer_for_filter(
+            scenario,
+            candidate,
+            instance,
+            others,
+            tuple(islice(_random_schedules(instance, m, bool(rules), seed), _RANDOM_FOR_FILTER)),
+            seed,
+        ),
     )
+
+
+def _naive_schedules(scenario: Scenario, segments: int) -> dict[str, np.ndarray]:
+    """What one would have on without thinking, by name (K, S): the naive sensors throughout, and one after the other."""
+    names, naive, per_segment = scenario.sensor_names, scenario.naive_sensors, scenario.selection.per_segment
+    fixed = np.any([single_sensor(segments, len(names), names.index(name)) for name in naive], axis=0)
+    return {f"{' + '.join(naive)} always": fixed, ROUND_ROBIN: round_robin(segments, len(names), per_segment)}
 
 
 def _exact_value(candidate: Candidate, problem: DesignProblem, instance: SelectionProblem, schedule: Schedule) -> float | None:
@@ -71,33 +86,9 @@ def _exact_value(candidate: Candidate, problem: DesignProblem, instance: Selecti
     return min(instance.criterion.value(W) for W in matrices) - instance.penalty(schedule.chosen)
 
 
-def rule_violations(rules: Sequence[AbstractRule], segments: Segments, chosen: np.ndarray) -> tuple[str, ...]:
-    """Names of the rules that a schedule (K, S) breaks."""
-    return tuple(str(rule) for rule in rules if not _is_kept(rule, segments, chosen))
-
-
-def _is_kept(rule: AbstractRule, segments: Segments, chosen: np.ndarray) -> bool:
-    terms = rule.terms(segments)
-    if terms.available is not None and (chosen & ~terms.available).any():
-        return False
-    if terms.admissible is not None and not np.all(terms.admissible(chosen)):
-        return False
-    if terms.resource is not None:
-        used = float(terms.resource.usage[chosen].sum() + terms.resource.start @ switch_ons(chosen).sum(axis=0))
-        if used > terms.resource.limit + 1e-9 * max(1.0, terms.resource.limit):
-            return False
-    return terms.dwell is None or all(_keeps_dwell(chosen[:, s], int(minimum)) for s, minimum in enumerate(terms.dwell))
-
-
-def _keeps_dwell(on: np.ndarray, minimum: int) -> bool:
-    """Whether every stretch of a sensor (K,) is long enough, or ends with the path."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
-    return all(last - first >= minimum or last == len(on) for first, last in zip(edges[::2], edges[1::2], strict=True))
-
-
-def _random_schedules(instance: SelectionProblem, per_segment: int, under_rules: bool, random: np.random.Generator) -> Iterator[np.ndarray]:
+def _random_schedules(instance: SelectionProblem, per_segment: int, under_rules: bool, seed: int) -> Iterator[np.ndarray]:
     """Random schedules; where there are rules, the best ones for random prices that keep them."""
-    K, S = instance.shape
+    (K, S), random = instance.shape, np.random.default_rng([seed, 1])
     if not under_rules:
         for _ in range(RANDOM_SCHEDULES):
             yield random_schedule(K, S, per_segment, random)

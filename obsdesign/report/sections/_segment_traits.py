@@ -59,7 +59,7 @@ def segment_traits(study: Study) -> SegmentTraits:
 
 def usage_in_words(study: Study) -> str:
     """Say where each sensor is on: gps in turns, magnetometer on straight stretches."""
-    traits, chosen = segment_traits(study), study.selection.schedule.chosen
+    traits, chosen = segment_traits(study), study.selection.chosen
     return join(
         [f"{name} {_usage_text(traits, chosen[:, s], s)}" for s, name in enumerate(study.scenario.sensor_names) if chosen[:, s].any()]
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import capitalise, criterion_name, gap_in_words, path_in_words
+from obsdesign.report.names import asked_gap, capitalise, criterion_name, path_in_words
 from obsdesign.report.number_format import join, numeral, percent, with_unit
 from obsdesign.report.section import KeyNumber
 from obsdesign.report.sections.schedule import answer as schedule_answer
@@ -31,7 +31,7 @@ def _headline_along(study: Study) -> tuple[KeyNumber, ...]:
     value, path = facts.value_of(study, study.main.qualities[0]), path_in_words(study.about)
     how = KeyNumber(f"how{facts.drawing_suffix(study)}" if study.designs else "how", numeral(value), f"{criterion_name(study)} of {path}")
     on = "" if study.designs or len(study.candidates) == 1 else f", {path}"
-    which = KeyNumber(f"which{facts.drawing_suffix(study)}", gap_in_words(study), f"gap between schedule and bound{on}")
+    which = KeyNumber(f"which{facts.drawing_suffix(study)}", asked_gap(study), f"gap between schedule and bound{on}")
     first = () if on else (how,)
     if not study.checks:
         return *first, which

@@ -77,7 +77,7 @@ def consistency_notes(study: Study) -> tuple[str, ...]:
     """Say for each case why its filter is not consistent, or what its NEES does at first."""
     notes = [f"{capitalise(check.path)}, {check.schedule}: {_reason(study, check)}" for check in study.checks if _reason(study, check)]
     worse = [change.signal.name for change in facts.final_changes(study) if change.is_worse]
-    last = study.selection.schedule.chosen[-1]
+    last = study.selection.chosen[-1]
     if worse and not last.all():
         on = join([name for name, is_on in zip(study.scenario.sensor_names, last, strict=True) if is_on])
         notes.append(

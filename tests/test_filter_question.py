@@ -1,0 +1,111 @@
+"""A study answers two questions of a schedule: what all samples say of the start, and what a filter knows along the way."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from conftest import obsdesign
+from test_select_verb import FLOAT, schedules
+
+import obsdesign as od
+from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.to_document import document_of
+from obsdesign.study.record import CHOSEN, Study, schedule_at_steps
+
+SHORT = """[[paths]]
+name = "bent"
+legs = [{seconds = 15.0, inputs = {turn_rate_deg = 6.0}}, {seconds = 15.0}]
+"""
+
+
+def short_file(folder, selection: str = "", name: str = "float.toml"):
+    """The float on its bent path alone."""
+    file = folder / name
+    file.write_text(FLOAT.split("[[paths]]")[0].replace("SELECTION", selection) + SHORT)
+    return file
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory) -> Study:
+    return od.run(od.load_scenario(short_file(tmp_path_factory.mktemp("filter"))))
+
+
+@pytest.fixture(scope="module")
+def for_start(tmp_path_factory) -> Study:
+    return od.run(od.load_scenario(short_file(tmp_path_factory.mktemp("start"), '[selection]\nquestion = "start"')))
+
+
+def cost_of(study: Study, chosen: np.ndarray) -> float:
+    """Mean of the trace of S^-1 P_k S^-1, from the posterior alone."""
+    scenario, path, nodes = study.scenario, study.main.path, study.main.nodes
+    active = schedule_at_steps(chosen, nodes)
+    J = od.posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)[:-1]
+    scale = scenario.prior_at_start.std
+    return float(np.mean([np.trace(np.linalg.inv(scale[:, None] * J_k * scale)) for J_k in J]))
+
+
+def test_both_schedules_are_the_best_of_all_under_their_question(study):
+    answer, every = study.selection.filter, schedules(6, 4, 1)
+    blocks = study.problem.scaled(study.main.blocks)
+    information = np.linalg.eigvalsh(np.einsum("pks,ksij->pij", np.array(every, dtype=float), blocks))[:, 0]
+    assert study.selection.schedule.value == pytest.approx(information.max(), rel=1e-9)
+    random = np.random.default_rng(0)
+    assert answer.schedule.bound <= min(cost_of(study, every[i]) for i in random.choice(len(every), 300)) * (1 + 1e-9)
+
+
+def test_schedules_under_both_questions_are_what_posterior_and_gramian_say(study):
+    answer, blocks = study.selection.filter, study.problem.scaled(study.main.blocks)
+    assert {"for the filter", "for the start", "greedy", "gps always", "round robin", "all on"} == {each.name for each in answer.rated}
+    for rated in answer.rated:
+        assert rated.cost == pytest.approx(cost_of(study, rated.chosen), rel=1e-9)
+        information = np.linalg.eigvalsh(np.einsum("ks,ksij->ij", rated.chosen, blocks))[0]
+        assert rated.information == pytest.approx(information, rel=1e-9, abs=1e-9)
+    ours = answer.find("for the filter")
+    assert ours.cost == pytest.approx(answer.schedule.value, rel=1e-9)
+    np.testing.assert_allclose(ours.predicted, answer.schedule.predicted, rtol=1e-9)
+
+
+def test_the_study_uses_the_schedule_of_the_question_that_is_asked(study, for_start):
+    assert (study.selection.question, for_start.selection.question) == ("filter", "start")
+    assert np.array_equal(study.selection.chosen, study.selection.filter.schedule.chosen)
+    assert np.array_equal(for_start.selection.chosen, for_start.selection.schedule.chosen)
+    for each, other in ((study, "for the start"), (for_start, "for the filter")):
+        assert [check.schedule for check in each.checks] == [CHOSEN, "gps always", other]
+        assert np.array_equal(each.check("bent", CHOSEN).chosen, each.selection.chosen)
+    # the same runs of the same filter, whichever of the two is asked
+    theirs = for_start.check("bent", "for the filter").validation
+    np.testing.assert_array_equal(study.check("bent", CHOSEN).validation.rmse, theirs.rmse)
+
+
+def test_the_document_has_both_answers(study):
+    document = document_of(study).model_dump(mode="json")
+    selection, schedule = document["selection"], study.selection.filter.schedule
+    found = selection["filter"]
+    assert (selection["question"], selection["used"]) == ("filter", schedule.chosen.astype(int).tolist())
+    assert (found["value"], found["bound"], found["gap"], found["status"]) == (schedule.value, schedule.bound, schedule.gap, "OPTIMAL")
+    assert np.shape(found["prices"]) == (6, 4)
+    assert {name: len(values) for name, values in found["predicted"].items()} == dict.fromkeys(study.scenario.state_names, 30)
+    assert found["compared"]["all on"] < found["value"] < found["compared"]["nothing on"]
+    assert found["rated"]["for the start"]["information"] == pytest.approx(selection["value"], rel=1e-9)
+    assert set(document["validation"]["bent"]) == {"chosen", "gps always", "for the start"}
+
+
+@pytest.mark.parametrize(
+    ("selection", "first"),
+    [
+        ("", "minimised: the sum of the variances of the filter's errors, averaged over the way"),
+        ('[selection]\nover = "worst"', "minimised: the sum of the variances of the filter's errors, at the worst instant"),
+        ('[selection]\nquestion = "start"', "maximised: λmin of the information about the state at the start"),
+    ],
+)
+def test_the_verb_says_first_what_was_asked_and_needs_no_design(selection, first, study, tmp_path):
+    (tmp_path / "float.toml").write_text(FLOAT.split("[[manoeuvres]]")[0].replace("SELECTION", selection))
+    (tmp_path / "bent.csv").write_text(trajectory_csv(study.scenario.system, study.main.path))
+    done = obsdesign("select", "bent.csv", "--scenario", "float.toml", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(first)
+    assert "\\[" not in done.stdout
+    told = json.loads(obsdesign("select", "bent.csv", "--scenario", "float.toml", "--json", folder=tmp_path).stdout)["selection"]
+    assert told["question"] == ("start" if "start" in selection else "filter")
