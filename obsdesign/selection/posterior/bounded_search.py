@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import monotonic
 
 import numpy as np
 
-from obsdesign.selection.posterior.deepening import WorkLimits, prove
+from obsdesign.selection.posterior.aggregation import refine, relaxation_of_windows
+from obsdesign.selection.posterior.blocks import bound_by_blocks
+from obsdesign.selection.posterior.cost_slopes import cost_slopes
+from obsdesign.selection.posterior.deepening import Proof, WorkLimits, better_walk, prove
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices
 from obsdesign.selection.posterior.trellis import follow_trellis
@@ -14,7 +19,16 @@ from obsdesign.selection.posterior.windows import first_layers
 
 _MAX_TRELLIS = 4096  # partial schedules of a trellis
 _PRICE_FACTORS = (0.0, 0.5, 1.0, 1.5)  # times the best prices of limits: with which partial schedules are compared
-_EFFORT = WorkLimits(max_windows=300_000, max_simulated=1_500_000)
+_EFFORT = WorkLimits(max_windows=60_000, max_simulated=1_500_000)
+_EFFORT_OF_BLOCK = WorkLimits(max_windows=20_000, max_simulated=300_000)
+_LONG = 300  # segments: longer runs go by blocks
+_BLOCK, _BEFORE = 50, 4
+_ROUNDING = 8 * float(np.finfo(float).eps)
+_OF_BLOCKS = 0.5  # share of the gap that blocks may leave open
+_WIDTHS = (300, 1000, 3000, 10_000, 30_000, 100_000)  # states after each segment, pass by pass
+_SCHEDULES = 100  # states where only a schedule is looked for
+_BRANCHING = 2  # steps from a state that are simulated, about
+_TOLERANCE = 0.1  # of what the ceiling is worth: states are split that are so near to the best
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +41,83 @@ class Answer:
 
 
 def search(problem: PosteriorProblem, gap: float, is_relative: bool, time_limit: float | None = None) -> Answer:
-    """Return the schedule and bound of a problem; gap: how near they are wanted, as a share of the cost where is_relative."""
+    """Return the schedule and bound of a problem.
+
+    gap: how near they are wanted, as a share of the cost where is_relative; time_limit [s]: from when on only what is begun is finished.
+    """
+    deadline = monotonic() + time_limit if time_limit is not None else np.inf
     walk = first_walk(problem)
     if walk is None:
         return Answer(None, np.inf, "no schedule keeps the limits")
-    proof = prove(problem, walk, gap * abs(walk.value) if is_relative else gap, _EFFORT)
-    return Answer(proof.walk, proof.bound, f"windows of {proof.depth} segments")
+
+    lost = _rounding(problem, walk) * (abs(walk.value) if is_relative else max(1.0, abs(walk.value)))
+
+    def gap_at(value: float) -> float:
+        return max(0.0, (gap * abs(value) if is_relative else gap) - lost)
+
+    if problem.segments <= _LONG:
+        answer = prove_best(problem, walk, gap_at, replace(_EFFORT, deadline=deadline))
+    else:
+        answer = _search_blocks(problem, walk, gap_at, replace(_EFFORT_OF_BLOCK, deadline=deadline))
+    return replace(answer, bound=answer.bound - lost)
+
+
+def _rounding(problem: PosteriorProblem, walk: Walk) -> float:
+    """Return what rounding may have changed in covariances, as a share: a sample leaves 1 / (1 + r'P r) of the variance along r."""
+    segment = np.arange(problem.maps.rows.shape[-1]) // problem.maps.options
+    rows = problem.maps.rows
+    known = np.einsum("trim,mij,trjm->trm", rows, walk.covariances[segment], rows, optimize=True)
+    return _ROUNDING * (1 + float(known.max(initial=0.0)))
+
+
+def _search_blocks(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
+    """Return what blocks come to."""
+
+    def bound_of(part: PosteriorProblem, own: Walk) -> tuple[Walk, float]:
+        share = part.segments / problem.segments
+        answer = prove_best(part, own, lambda _: _OF_BLOCKS * share * gap_at(walk.value), effort)
+        return answer.walk or own, answer.bound
+
+    best, bound = bound_by_blocks(problem, walk, _BLOCK, _BEFORE, bound_of)
+    return Answer(best, min(bound, best.value), f"blocks of {_BLOCK} segments, each with {_BEFORE} before it that cost nothing")
+
+
+def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
+    """Return what windows and then refined states come to from a first schedule; gap_at: how near, by the best cost known."""
+    proof = prove(problem, walk, gap_at(walk.value), effort)
+    answer = Answer(proof.walk, proof.bound, f"windows of {proof.depth} segments")
+    if proof.bound >= proof.walk.value - gap_at(proof.walk.value) or effort.is_over:
+        return answer
+    return _refine_states(problem, proof, gap_at, effort)
+
+
+def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
+    """Return what passes with more and more states after each segment come to, from the windows of a proof on."""
+    walk, bound, rest = proof.walk, proof.bound, effort.max_simulated - proof.simulated
+    by = f"windows of {proof.depth} segments"
+    slopes = cost_slopes(problem, walk)
+    relaxation = relaxation_of_windows(proof.chain, walk.value - gap_at(walk.value))
+    tolerance = _TOLERANCE * _worth(problem, walk, slopes)
+    for width in _WIDTHS:
+        if bound >= walk.value - gap_at(walk.value) or width * problem.segments * _BRANCHING > rest or effort.is_over:
+            break
+        found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
+        walk = walk if found.nodes is None else better_walk(problem, walk, found.nodes)
+        limit = walk.value - gap_at(walk.value)
+        result = refine(problem, relaxation, slopes, limit, width, tolerance)
+        rest -= result.simulated + found.simulated
+        by = f"partial schedules in {width} states after each segment"
+        if result.relaxation is None or result.nodes is None:
+            bound = max(bound, limit)
+            break
+        relaxation, bound = result.relaxation, max(bound, result.relaxation.bound)
+        walk = better_walk(problem, walk, result.nodes)
+    return Answer(walk, min(bound, walk.value), by)
+
+
+def _worth(problem: PosteriorProblem, walk: Walk, slopes: np.ndarray) -> float:
+    """Return what knowing as much as the ceiling instead would save at the beginning of a segment, to first order: the median."""
+    return float(np.median(np.einsum("kij,kij->k", slopes[:-1], walk.covariances - problem.ceilings)[1:])) if problem.segments > 1 else 0.0
 
 
 def first_walk(problem: PosteriorProblem) -> Walk | None:

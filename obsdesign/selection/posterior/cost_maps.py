@@ -66,6 +66,11 @@ class FilterMoment:
 class AbstractCostMaps(ABC):
     """Costs of the instants of M segments under an option, (B,) or several at once (I, B). Leaves are final."""
 
+    @property
+    @abstractmethod
+    def nothing(self) -> float:
+        """The cost of a segment that does not count."""
+
     @abstractmethod
     def before_samples(self, number: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Return what the instants before the first samples cost (..., B), and what does not depend on P."""
@@ -88,6 +93,11 @@ class LinearCostMaps(AbstractCostMaps):
     M: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
+
+    @property
+    def nothing(self) -> float:
+        """0."""
+        return 0.0
 
     def before_samples(self, number: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Return base + <M_0, P>."""
@@ -129,9 +139,14 @@ class InstantCostMaps(AbstractCostMaps):
         """What an instant costs."""
         return self.costs.criterion
 
+    @property
+    def nothing(self) -> float:
+        """0, or where the largest counts -inf."""
+        return -np.inf if self.costs.is_worst else 0.0
+
     def before_samples(self, number: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Return the cost of the instants before the first samples."""
-        return self.add(np.full(len(number), -np.inf if self.costs.is_worst else 0.0), 0, number, P)
+        return self.add(np.full(len(number), self.nothing), 0, number, P)
 
     def add(self, cost: np.ndarray, t: int, number: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return the cost with that of the instants with X."""
@@ -159,6 +174,11 @@ class SeveralCostMaps(AbstractCostMaps):
     """Several costs of the same instants at once, (I, B)."""
 
     parts: tuple[AbstractCostMaps, ...]
+
+    @property
+    def nothing(self) -> float:
+        """What all of them call nothing."""
+        return self.parts[0].nothing
 
     def before_samples(self, number: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Return the costs (I, B) of the instants before the first samples."""

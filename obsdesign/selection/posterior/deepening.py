@@ -8,6 +8,8 @@ windows of L choices that overlap. When they are as long as the run the bound is
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from time import monotonic
+from typing import Protocol
 
 import numpy as np
 
@@ -16,20 +18,41 @@ from obsdesign.selection.posterior.resource_prices import best_prices, threshold
 from obsdesign.selection.posterior.windows import WindowLayer, cheapest_chain, first_layers, minima_after, minima_to
 
 
+class AbstractSteps(Protocol):
+    """Whatever costs (W,) and takes amounts (R + 1, W)."""
+
+    @property
+    def cost(self) -> np.ndarray:
+        """Cost of a segment (W,)."""
+        ...
+
+    @property
+    def amounts(self) -> np.ndarray:
+        """Switching costs, and usage of each resource (R + 1, W)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class WorkLimits:
-    """What the search may take: windows held at a time, and windows simulated in all."""
+    """What the search may take: windows held at a time, windows simulated in all, and when it stops beginning anything [s]."""
 
     max_windows: int
     max_simulated: int
+    deadline: float = float("inf")
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the deadline has passed, by `time.monotonic`."""
+        return monotonic() > self.deadline
 
 
 @dataclass(frozen=True, eq=False)
 class Proof:
-    """The best schedule known, a bound that no schedule is below, how long the windows were, and how many were simulated."""
+    """The best schedule known, a bound that no schedule is below, the windows left, how long they are, and how many were simulated."""
 
     walk: Walk
     bound: float
+    chain: Chain
     depth: int
     simulated: int
 
@@ -63,9 +86,7 @@ class Chain:
         return self._total(self.problem.combine(self.cost_to[k - 1][:, before], own), amounts)
 
     def _total(self, cost: np.ndarray, amounts: np.ndarray) -> np.ndarray:
-        limits = self.problem.limits
-        total = (cost - (self.prices @ limits)[:, None]).max(axis=0) + (amounts[0] if self.problem.is_worst else 0.0)
-        return np.where((amounts[1:] <= limits[:, None]).all(axis=0), total, np.inf)
+        return total_cost(self.problem, self.prices, cost, amounts)
 
     @property
     def bound(self) -> float:
@@ -81,7 +102,14 @@ class Chain:
         return [np.array([layer.node[w] for layer, w in zip(self.layers, windows, strict=True)]) for windows in chains]
 
 
-def priced_cost(problem: PosteriorProblem, layer: WindowLayer, prices: np.ndarray) -> np.ndarray:
+def total_cost(problem: PosteriorProblem, prices: np.ndarray, cost: np.ndarray, amounts: np.ndarray) -> np.ndarray:
+    """Return the objective (B,) of costs (M, B) at prices (M, R) with amounts (R + 1, B); inf where more is taken than there is."""
+    limits = problem.limits
+    total = (cost - (prices @ limits)[:, None]).max(axis=0) + (amounts[0] if problem.is_worst else 0.0)
+    return np.where((amounts[1:] <= limits[:, None]).all(axis=0), total, np.inf)
+
+
+def priced_cost(problem: PosteriorProblem, layer: AbstractSteps, prices: np.ndarray) -> np.ndarray:
     """Return what windows add to the objective at each of the prices (M, W): cost, and where costs are sums switching and usage."""
     if problem.is_worst:
         return np.repeat(layer.cost[None], len(prices), axis=0)
@@ -106,9 +134,10 @@ def build_chain(problem: PosteriorProblem, layers: list[WindowLayer], prices: np
 def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits) -> Proof:
     """Return the best schedule and bound that deepening comes to from a first schedule.
 
-    gap: how much below the best known a schedule has to be to be looked for, in the cost's unit.
+    gap: how much below the best known a schedule has to be to be looked for, in the cost's unit. Stops when the gap is closed, when the
+    number of windows falls, and at the limits of work.
     """
-    layers, bound, depth = first_layers(problem), -np.inf, 2
+    layers, bound, depth, before = first_layers(problem), -np.inf, 2, 0
     simulated = count_windows(layers)
     while True:
         chain = build_chain(problem, layers, prices_tried(problem, layers))
@@ -117,13 +146,13 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
             walk = better_walk(problem, walk, nodes)
         bound = max(bound, min(chain_bound, walk.value - gap))
         if chain_bound >= walk.value - gap or depth >= problem.segments:
-            return Proof(walk, bound, depth, simulated)
+            return Proof(walk, bound, chain, depth, simulated)
         chain = prune(chain, walk.value - gap)
         pairs = [open_pairs(chain, k, walk.value - gap) for k in range(1, problem.segments)]
-        count = sum(len(before) for before, _ in pairs)
-        if count > effort.max_windows or simulated + count > effort.max_simulated:
-            return Proof(walk, bound, depth, simulated)
-        layers, depth = extend_windows(chain, pairs), depth + 1
+        count = sum(len(window) for _, window in pairs)
+        if count < before or count > effort.max_windows or simulated + count > effort.max_simulated or effort.is_over:
+            return Proof(walk, bound, chain, depth, simulated)
+        layers, depth, before = extend_windows(chain, pairs), depth + 1, count
         simulated += count_windows(layers)
 
 

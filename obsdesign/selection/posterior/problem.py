@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,7 +37,8 @@ class PosteriorProblem:
 
     cost: the sum of the segments' costs, or the largest where is_worst, plus what switching costs. maps: one per segment; P0 (n, n):
     the covariance before the first samples. purchase: None, or nodes cost what it says, and what the maps add up is limited as resources
-    are.
+    are. A stretch of a run is a problem of its own, with ceilings of the run: no schedule of the
+    run costs less in the stretch than the best of its own, begun at the ceiling with any choice.
     """
 
     maps: SegmentMaps
@@ -45,6 +46,7 @@ class PosteriorProblem:
     P0: np.ndarray
     is_worst: bool
     purchase: Purchase | None = None
+    known_ceilings: np.ndarray | None = None
 
     @property
     def segments(self) -> int:
@@ -54,7 +56,16 @@ class PosteriorProblem:
     @cached_property
     def ceilings(self) -> np.ndarray:
         """Covariances (K, n, n) before each segment that no schedule is below."""
-        return ceilings(self.maps, self.options, self.P0)
+        return ceilings(self.maps, self.options, self.P0) if self.known_ceilings is None else self.known_ceilings
+
+    def stretch(self, first: int, last: int, free: int) -> PosteriorProblem:
+        """Return the problem of segments first..last - 1, of which the first `free` cost nothing; limits in sum are left out."""
+        options = self.options
+        may_start = np.ones_like(options.may_start) if first else options.may_start
+        options = replace(options, allowed=options.allowed[first:last], may_start=may_start, resources=())
+        P0 = self.ceilings[first]
+        maps, known = self.maps.stretch(first, last, free), self.ceilings[first:last]
+        return PosteriorProblem(maps, options, P0, self.is_worst, known_ceilings=known)
 
     @property
     def limits(self) -> np.ndarray:
@@ -68,7 +79,7 @@ class PosteriorProblem:
         options = self.options
         measured, P_next = self.maps.advance(k, options.pattern_of_node[node], P)
         usage = options.usage[:, k, node] + options.start_usage[:, before, node]
-        amounts = np.vstack([options.switching_costs[before, node], usage])
+        amounts = np.vstack([self.switching_costs(k, before, node), usage])
         if self.purchase is None:
             return measured, amounts, P_next
         return self.purchase.on_costs[k, node], np.vstack([amounts, measured]), P_next
@@ -86,7 +97,12 @@ class PosteriorProblem:
 
     def switching(self, nodes: np.ndarray) -> float:
         """Return what the switching-ons of a walk cost."""
-        return float(self.options.switching_costs[previous_nodes(nodes), nodes].sum())
+        return float(self.switching_costs(np.arange(len(nodes)), previous_nodes(nodes), nodes).sum())
+
+    def switching_costs(self, k: np.ndarray | int, before: np.ndarray, node: np.ndarray) -> np.ndarray:
+        """Return what steps (B,) into segments cost for switching; nothing where a stretch of a run does not count yet."""
+        is_counted = (k >= self.maps.free) & ((k > 0) | (self.maps.first == 0))
+        return np.where(is_counted, self.options.switching_costs[before, node], 0.0)
 
     def is_feasible(self, walk: Walk) -> bool:
         """Whether a walk keeps the limits of all resources."""

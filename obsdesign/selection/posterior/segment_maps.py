@@ -10,7 +10,7 @@ Arrays of batches have the batch last, (n, n, B), so that NumPy's loops run alon
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,8 @@ class SegmentMaps:
     """K segments under each of O options: option o of segment k is number k O + o of M = K O.
 
     rows (T, R, n, M): r of the samples at the T instants at most that a segment has samples at, R at most in one; 0 where there is
-    none. instants (K,): how many there are. Psi, P0 (n, n, M). costs: what is added after each of them.
+    none. instants (K,): how many there are. Psi, P0 (n, n, M). costs: what is added after each of them. Of a stretch of a run, first: the
+    run's number of its first segment, free: how many segments at its beginning cost nothing.
     """
 
     options: int
@@ -37,20 +38,29 @@ class SegmentMaps:
     Psi: np.ndarray
     P0: np.ndarray
     costs: AbstractCostMaps
+    first: int = 0
+    free: int = 0
+
+    def stretch(self, first: int, last: int, free: int) -> SegmentMaps:
+        """Return the maps of segments first..last - 1, numbered anew from 0, of which the first `free` cost nothing."""
+        return replace(self, instants=self.instants[first:last], first=self.first + first, free=free)
 
     def advance(self, segment: np.ndarray | int, option: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the costs (B,) of options (B,) in segments (B,) from covariances (n, n, B) before them, and those at their ends.
 
         Costs are (I, B) where there are several at once.
         """
-        number = segment * self.options + option
+        number = (segment + self.first) * self.options + option
         batches = [slice(first, first + _BATCH) for first in range(0, max(1, len(number)), _BATCH)]
         parts = [self._advance(number[batch], P[:, :, batch]) for batch in batches]
-        return np.concatenate([cost for cost, _ in parts], axis=-1), np.concatenate([P_next for _, P_next in parts], axis=2)
+        cost, P_next = np.concatenate([cost for cost, _ in parts], axis=-1), np.concatenate([P_next for _, P_next in parts], axis=2)
+        if self.free:
+            cost[..., number // self.options < self.first + self.free] = self.costs.nothing
+        return cost, P_next
 
     def _advance(self, number: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         X, cost = P, self.costs.before_samples(number, P)
-        for t in range(int(self.instants[number // self.options].max(initial=0))):
+        for t in range(int(self.instants[number // self.options - self.first].max(initial=0))):
             for rows in self.rows[t]:
                 X = add_row(X, rows[:, number])
             cost = self.costs.add(cost, t + 1, number, X)

@@ -77,7 +77,7 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray) ->
         if not len(steps.node):
             return None
         cost, P = problem.maps.advance(k, options.pattern_of_node[steps.node], walks.P[:, :, steps.parent])
-        switching = options.switching_costs[walks.node[steps.parent], steps.node]
+        switching = problem.switching_costs(k, walks.node[steps.parent], steps.node)
         walks = walks.advance(steps, np.arange(len(cost)), cost, switching, P, problem.is_worst)
         score = walks.value(problem.is_worst) + prices @ walks.usage + (_TIE_BREAK * cost if problem.is_worst else 0.0)
         key = (key[steps.parent] * len(options.pattern_of_node) + steps.node) % len(options.pattern_of_node) ** depth
