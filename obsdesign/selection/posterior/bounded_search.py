@@ -27,7 +27,7 @@ _ROUNDING = 8 * float(np.finfo(float).eps)
 _OF_BLOCKS = 0.5  # share of the gap that blocks may leave open
 _WIDTHS = (300, 1000, 3000, 10_000, 30_000, 100_000)  # states after each segment, pass by pass
 _SCHEDULES = 100  # states where only a schedule is looked for
-_BRANCHING = 2  # steps from a state that are simulated, about
+_GROWTH = 2  # times the work of a pass that the next one takes, about
 _TOLERANCE = 0.1  # of what the ceiling is worth: states are split that are so near to the best
 
 
@@ -98,14 +98,16 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
     slopes = cost_slopes(problem, walk)
     relaxation = relaxation_of_windows(proof.chain, walk.value - gap_at(walk.value))
     tolerance = _TOLERANCE * _worth(problem, walk, slopes)
+    simulated_before = _WIDTHS[0] * problem.segments
     for width in _WIDTHS:
-        if bound >= walk.value - gap_at(walk.value) or width * problem.segments * _BRANCHING > rest or effort.is_over:
+        if bound >= walk.value - gap_at(walk.value) or _GROWTH * simulated_before > rest or effort.is_over:
             break
         found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
         walk = walk if found.nodes is None else better_walk(problem, walk, found.nodes)
         limit = walk.value - gap_at(walk.value)
         result = refine(problem, relaxation, slopes, limit, width, tolerance)
-        rest -= result.simulated + found.simulated
+        simulated_before = result.simulated + found.simulated
+        rest -= simulated_before
         by = f"partial schedules in {width} states after each segment"
         if result.relaxation is None or result.nodes is None:
             bound = max(bound, limit)
