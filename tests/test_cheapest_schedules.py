@@ -113,6 +113,14 @@ def test_instants_count_that_are_strictly_later() -> None:
         od.cheapest_schedule(**given, require=od.Requirement(("p",), 2.0, after=19.0))
 
 
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_gap_of_zero_is_proven_with_and_without_a_unit_of_costs(seed: int) -> None:
+    question, _, _, costs = random_question(seed)
+    schedule = od.cheapest_schedule(**question, gap=0.0)
+    assert schedule.status is od.Status.OPTIMAL
+    assert schedule.value == pytest.approx(costs.min(), rel=1e-12)
+
+
 def test_the_unit_of_costs_changes_nothing() -> None:
     """Costs a hundred times as large: a hundred times the value."""
     question, *_ = random_question(4)

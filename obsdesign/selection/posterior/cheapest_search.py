@@ -25,9 +25,10 @@ from obsdesign.selection.posterior.deepening import (
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.windows import WindowLayer, first_layers
 
-_EFFORT = WorkLimits(max_windows=200_000, max_simulated=1_500_000)
+_EFFORT = WorkLimits(max_windows=400_000, max_simulated=3_000_000)
 _MAX_TRELLIS = 4096  # partial walks of a trellis
 _WORTH = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a unit of cost: what a factor e in the volume of an ellipsoid of errors is worth
+_SUM_ROUNDING = 1e-12  # of a sum of costs: what rounding may add to it
 _UNIT_ROUNDING = 1e-6  # of a unit: what rounding may add to a sum of costs
 
 
@@ -45,12 +46,12 @@ class Target:
 
     def wanted_below(self, value: float) -> float:
         """Return what a better walk costs less than."""
-        return value - max(self.gap * abs(value), self.unit * (1 - 2 * _UNIT_ROUNDING))
+        return value - max(max(self.gap, 2 * _SUM_ROUNDING) * value, self.unit * (1 - 2 * _UNIT_ROUNDING))
 
     def round_up(self, bound: float) -> float:
-        """Return the least whole multiple of the unit that is no less than a bound."""
+        """Return the least whole multiple of the unit that is no less than a bound; without a unit, the bound less rounding."""
         if not self.unit or not np.isfinite(bound):
-            return bound
+            return max(0.0, bound * (1 - _SUM_ROUNDING))
         return self.unit * float(np.ceil(bound / self.unit - _UNIT_ROUNDING))
 
 

@@ -35,8 +35,8 @@ from obsdesign.selection.posterior.sensor_prices import sensor_prices
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
+_EXACT = 1e-11  # of a cost: a gap that is rounding
 _FINEST = 1000  # parts of 1 that costs are looked at in when their unit is looked for
-_MARGIN = 1e-12  # of a cost: what rounding may add to a sum of them
 
 
 @validate_arguments
@@ -210,7 +210,7 @@ def _without_answer(question: FilterQuestion, status: Status, reason: str) -> Fi
 def _certify(question: FilterQuestion, problem: PosteriorProblem, walk: Walk, answer: Cheapest, gap: float) -> FilterSchedule:
     """Return the record of an answer; that it keeps the requirements was seen with `posterior_information`."""
     chosen = problem.options.chosen(walk.nodes)
-    bound = walk.value if answer.bound >= walk.value else max(0.0, answer.bound * (1 - _MARGIN))
+    bound = min(answer.bound, walk.value)
     remaining = 1 - bound / walk.value if walk.value else 0.0
     variances = problem_of(question, problem.options)
     worth = sensor_prices(question, variances, variances.walk(walk.nodes))
@@ -220,7 +220,7 @@ def _certify(question: FilterQuestion, problem: PosteriorProblem, walk: Walk, an
         bound,
         remaining,
         _predicted(question, chosen),
-        Status.OPTIMAL if remaining <= gap else Status.GAP_OPEN,
+        Status.OPTIMAL if remaining <= max(gap, _EXACT) else Status.GAP_OPEN,
         f"windows of {answer.depth} segments",
         worth.memory,
         worth.prices,
