@@ -17,6 +17,9 @@ from obsdesign.selection.posterior.deepening import better_walk
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 
 
+_MARGINS = (0, 2, 4)  # segments at the ends of a block that are left as they are: what is best there looks at nothing beyond
+
+
 def blocks(segments: int, length: int, before: int) -> Iterator[tuple[int, int, int]]:
     """Yield (first, last, free) of stretches first..last - 1 whose segments after the first `free` ones make up the run."""
     count = max(1, round(segments / length))
@@ -32,14 +35,16 @@ def bound_by_blocks(
     """Return the best schedule and the bound that blocks of about `length` segments come to.
 
     bound_of: the best schedule and a bound of a stretch, from that schedule's part of the best one. Parts that are better than those
-    of the best schedule are tried in it.
+    of the best schedule are tried in it, with and without their ends.
     """
     total = -np.inf if problem.is_worst else 0.0
     for first, last, free in blocks(problem.segments, length, before):
         stretch = problem.stretch(first, last, free)
         part, bound = bound_of(stretch, stretch.walk(walk.nodes[first:last]))
         total = max(total, bound) if problem.is_worst else total + bound
-        walk = _with_part(problem, walk, first, part.nodes)
+        for margin in _MARGINS:
+            until = last - first - (margin if last < problem.segments else 0)
+            walk = _with_part(problem, walk, first + free + margin, part.nodes[free + margin : until])
     return walk, total
 
 

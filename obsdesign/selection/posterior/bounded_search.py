@@ -50,7 +50,7 @@ def search(problem: PosteriorProblem, gap: float, is_relative: bool, time_limit:
     if walk is None:
         return Answer(None, np.inf, "no schedule keeps the limits")
 
-    lost = _rounding(problem, walk) * (abs(walk.value) if is_relative else max(1.0, abs(walk.value)))
+    lost = _rounding(problem, walk) * abs(walk.value) if is_relative else _rounding_of_log_det(problem, walk)
 
     def gap_at(value: float) -> float:
         return max(0.0, (gap * abs(value) if is_relative else gap) - lost)
@@ -68,6 +68,13 @@ def _rounding(problem: PosteriorProblem, walk: Walk) -> float:
     rows = problem.maps.rows
     known = np.einsum("trim,mij,trjm->trm", rows, walk.covariances[segment], rows, optimize=True)
     return _ROUNDING * (1 + float(known.max(initial=0.0)))
+
+
+def _rounding_of_log_det(problem: PosteriorProblem, walk: Walk) -> float:
+    """Return what rounding may have changed in a log det: that in units of the smallest eigenvalue of covariances of unit diagonal."""
+    deviation = np.sqrt(np.diagonal(walk.covariances, axis1=1, axis2=2))
+    smallest = np.linalg.eigvalsh(walk.covariances / deviation[:, :, None] / deviation[:, None, :])[:, 0].min()
+    return _rounding(problem, walk) * max(1.0, abs(walk.value)) + _ROUNDING * len(problem.P0) / max(float(smallest), _ROUNDING)
 
 
 def _search_blocks(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:

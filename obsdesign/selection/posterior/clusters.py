@@ -44,8 +44,10 @@ def cluster(group: np.ndarray, cost: np.ndarray, P: np.ndarray, slope: np.ndarra
 
 def _coordinates(cost: np.ndarray, P: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return cost and entries of L'PL (1 + d, B), slope = LL', those off the diagonal times the root of 2, and which are on it (d,)."""
-    L = np.linalg.cholesky(slope).T
+    deviation = np.sqrt(np.abs(np.einsum("iib->i", P)) / P.shape[2])
+    e, V = np.linalg.eigh(slope * deviation[:, None] * deviation)
+    L = V * np.sqrt(np.maximum(e, 0.0)) / np.where(deviation > 0, deviation, 1.0)[:, None]
     rows, columns = np.tril_indices(len(slope))
-    entries = congruence(np.broadcast_to(L[:, :, None], P.shape), P)[rows, columns]
+    entries = congruence(np.broadcast_to(L.T[:, :, None], P.shape), P)[rows, columns]
     is_diagonal = rows == columns
     return np.vstack([cost, np.where(is_diagonal[:, None], entries, np.sqrt(2) * entries)]), is_diagonal

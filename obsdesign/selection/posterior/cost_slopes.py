@@ -42,7 +42,7 @@ def _differences(problem: PosteriorProblem, walk: Walk, unit: np.ndarray) -> tup
     ]
     with np.errstate(invalid="ignore"):
         cost, P = ((a - b) / (2 * _STEP) for a, b in zip(*ends, strict=True))
-    return np.nan_to_num(cost.reshape(K, -1)), P.transpose(2, 0, 1).reshape(K, len(rows), n * n)
+    return np.nan_to_num(cost.reshape(K, -1)), np.nan_to_num(P.transpose(2, 0, 1).reshape(K, len(rows), n * n))
 
 
 def _weights(walk: Walk) -> np.ndarray:
