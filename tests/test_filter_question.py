@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,11 @@ from test_select_verb import FLOAT, schedules
 
 import obsdesign as od
 from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.figures.predicted_errors import draw_predicted
+from obsdesign.report.figures.sensor_prices import sensor_worth
+from obsdesign.report.html import page_of
+from obsdesign.report.number_format import NARROW, numeral
+from obsdesign.report.sections.filter_schedule import questions_table
 from obsdesign.report.to_document import document_of
 from obsdesign.study.record import CHOSEN, Study, schedule_at_steps
 
@@ -90,6 +96,63 @@ def test_the_document_has_both_answers(study):
     assert found["compared"]["all on"] < found["value"] < found["compared"]["nothing on"]
     assert found["rated"]["for the start"]["information"] == pytest.approx(selection["value"], rel=1e-9)
     assert set(document["validation"]["bent"]) == {"chosen", "gps always", "for the start"}
+
+
+def words_of(study: Study) -> str:
+    """The page's words, without its drawings."""
+    text = re.sub(r"<(style|svg)\b.*?</\1>", " ", page_of(study), flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text).replace("&#39;", "'"))
+
+
+def test_the_page_shows_each_schedule_under_both_questions(study, for_start):
+    for each in (study, for_start):
+        answer = each.selection.filter
+        table = questions_table(each, answer)
+        rows = {row[0].text: [cell.text for cell in row[1:]] for row in table.rows}
+        assert rows["no schedule is better than"][:2] == [numeral(answer.schedule.bound), numeral(each.selection.schedule.bound)]
+        assert rows["for the filter"][0] == numeral(answer.schedule.value)
+        assert rows["for the start"][1] == numeral(each.selection.schedule.value)
+        # the errors of the runs, over all instants with samples
+        check = each.check("bent", CHOSEN if each is study else "for the filter")
+        rmse = float(np.sqrt(np.mean(check.validation.rmse[:-1, 0] ** 2)))
+        assert rows["for the filter"][2] == numeral(rmse)
+        assert f"<b>{table.title}</b>" in page_of(each)
+
+
+def test_the_page_says_what_was_minimised_what_is_proven_and_for_how_long_choices_matter(study, for_start):
+    words, schedule = words_of(study), study.selection.filter.schedule
+    assert "What is minimised is the sum of the variances of the filter's errors, averaged over the way" in words
+    assert f"No schedule is below {numeral(schedule.bound)}: this one is proven to be the best of 4⁶ schedules" in words
+    half = schedule.memory * 5.0
+    assert f"Half of what a choice brings is forgotten after {half:g} s" in words.replace(NARROW, " ")
+    cost = numeral(for_start.selection.filter.find("for the start").cost)
+    assert f"To a filter on the way it costs {cost}" in words_of(for_start)
+
+
+def test_what_matters_when_is_the_rise_of_the_cost_without_a_sensor(study):
+    schedule = study.selection.filter.schedule
+    worth = sensor_worth(schedule, is_share=True)
+    for k, s in np.argwhere(schedule.chosen):
+        without = schedule.chosen.copy()
+        without[k, s] = False
+        assert worth[k, s] == pytest.approx(100 * (cost_of(study, without) / schedule.value - 1), rel=1e-3, abs=1e-3)
+
+
+def test_a_schedule_for_the_filter_is_drawn_with_its_own_names_and_times(study):
+    schedule = study.selection.filter.schedule
+    (axes,) = od.figures.schedule(schedule).axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == list(schedule.sensors)
+    assert axes.get_xlim() == (0.0, 30.0)
+    assert axes.get_xlabel() == "time [s]"
+
+
+def test_predicted_errors_are_drawn_for_every_state_and_schedule(study):
+    answer, t, states = study.selection.filter, study.main.path.t[:-1], study.scenario.vehicle.states
+    panels = draw_predicted(answer, t, states).axes[:5]
+    for i, (axes, signal) in enumerate(zip(panels, states, strict=True)):
+        line = max(axes.get_lines(), key=lambda each: each.get_linewidth())
+        np.testing.assert_allclose(line.get_ydata(), signal.display_unit[0] * answer.schedule.predicted[:, i], rtol=1e-9)
+    assert np.all(answer.band[0] <= answer.band[1])
 
 
 @pytest.mark.parametrize(

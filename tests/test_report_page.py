@@ -33,6 +33,7 @@ from obsdesign.report.names import violation_in_words
 from obsdesign.report.number_format import MINUS, NARROW, numeral, percent, plain, typeset
 from obsdesign.report.sections._paths import paths_table
 from obsdesign.report.sections.design import design_in_words, starts_table
+from obsdesign.report.sections.filter_schedule import questions_table
 from obsdesign.report.sections.flight import answer as flight_answer
 from obsdesign.report.sections.flight import errors_table, final_errors, flight_violations, plans_table, smallest_margin
 from obsdesign.report.sections.glossary import glossary
@@ -105,7 +106,7 @@ constraints = [
 prices = [{kind = "path_length", per_unit = 0.001}]
 robust = {samples = 2}
 """
-SVGS = {"aerosonde": 9, "rover": 11, "robot": 10}
+SVGS = {"aerosonde": 11, "rover": 13, "robot": 12}
 
 
 class Document(HTMLParser):
@@ -186,6 +187,7 @@ def all_tables(study: Study) -> list[Table]:
         subsets_table(study),
         paths_table(study),
         *starts,
+        questions_table(study, study.selection.filter),
         schedules_table(study),
         usage_table(study),
         losses_table(study),

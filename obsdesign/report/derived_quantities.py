@@ -13,6 +13,7 @@ from obsdesign.joint.result import Joint
 from obsdesign.round_off import standard_deviations
 from obsdesign.selection.schedule import Schedule, schedule_information
 from obsdesign.signals import Signal
+from obsdesign.study.rated_schedules import FOR
 from obsdesign.study.record import CHOSEN, Analysis, FilterCheck, Quality, Study, schedule_at_steps
 
 PATH_FIRST, SENSORS_FIRST, TOGETHER = "path first", "sensors first", "together"
@@ -92,6 +93,11 @@ def judged_by_eigenvalue(study: Study) -> bool:
 def is_about_all_states(study: Study) -> bool:
     """Whether the criterion is about every state, so that a smallest eigenvalue of S W S is what it counts."""
     return not study.scenario.design.about
+
+
+def start_schedule_name(study: Study) -> str:
+    """What the schedule for the start is called: chosen, where the start is what is asked."""
+    return CHOSEN if study.selection.question == "start" else FOR["start"]
 
 
 def segment_nodes(study: Study) -> np.ndarray:

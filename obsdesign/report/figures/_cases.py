@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from obsdesign.estimation.validation import Validation
-from obsdesign.report.figures._drawing import BLUE, ORANGE, SKY, VERMILLION
+from obsdesign.report.figures._drawing import BLUE, GREEN, ORANGE, SKY, VERMILLION
+from obsdesign.study.rated_schedules import FOR
 from obsdesign.study.record import CHOSEN, FilterCheck, Study
 
 
@@ -30,7 +31,9 @@ def cases_of(study: Study) -> list[Case]:
 
 
 def _colour(study: Study, check: FilterCheck) -> str:
-    """Blue for the path of the study, red for the baseline, dark for the chosen schedule."""
+    """Blue for the path of the study, red for the baseline, dark for the chosen schedule, green for that of the other question."""
+    if check.schedule in FOR.values():
+        return GREEN
     colours = {(True, True): BLUE, (True, False): SKY, (False, True): VERMILLION, (False, False): ORANGE}
     return colours[check.path == study.about, check.schedule == CHOSEN] if study.designs or _is_ours(study, check) else VERMILLION
 

@@ -47,8 +47,8 @@ def _caption(study: Study, pareto: Pareto) -> str:
     buys = len(half) and top > 0 and study.scenario.schedule_criterion.scales_with_information
     words = f" Half of the largest spending buys {percent(float(half.max()) / top)} of the most." if buys else ""
     return (
-        f"Each dot is a schedule; no schedule that spends as little lies above the dashed line, which is certified.{words} The chosen "
-        f"schedule, {numeral(value)}, is the ring."
+        f"Each dot is a schedule; no schedule that spends as little lies above the dashed line, which is certified.{words} The schedule "
+        f"for the start, {numeral(value)}, is the ring."
     )
 
 

@@ -7,10 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from obsdesign.report.derived_quantities import drawing_suffix, zero_round_off
+from obsdesign.report.derived_quantities import drawing_suffix, start_schedule_name, zero_round_off
 from obsdesign.report.figures._drawing import BLUE, FAINT, INK, QUIET, Picture, inline_svg, light_grid, styled_figure
 from obsdesign.report.number_format import NOTHING, numeral
-from obsdesign.study.record import CHOSEN, Study
+from obsdesign.study.rated_schedules import FOR
+from obsdesign.study.record import Study
 
 
 def picture(study: Study) -> Picture:
@@ -32,10 +33,13 @@ def _caption(study: Study) -> str:
     starred = " Schedules with * break the rules." if rules else ""
     criterion = study.scenario.schedule_criterion
     if not criterion.is_smallest_eigenvalue:
-        return f"What is known of the state under each schedule, by {criterion.label}.{starred}"
+        return f"What all samples say of the state at the start under each schedule, by {criterion.label}.{starred}"
     others = "the best of the others that keep the rules" if rules else "the best of the others"
     than = f"{numeral(value / best)} times as much as {others}" if best > 0 else "the others see nothing of one direction"
-    return f"What is known of the weakest combination of states under each schedule: the chosen one gives {than}.{starred}"
+    return (
+        f"What all samples say of the combination of states known least at the start, under each schedule: the one {FOR['start']} gives "
+        f"{than}.{starred}"
+    )
 
 
 def rival_values(study: Study) -> dict[str, float]:
@@ -44,9 +48,9 @@ def rival_values(study: Study) -> dict[str, float]:
     random, count = selection.random_values, len(selection.random_values)
     naive = {f"{rival.name}{' *' if rival.breaks else ''}": zero_round_off(study, rival.value) for rival in selection.rivals}
     if not count:
-        return {CHOSEN: selection.schedule.value} | naive
+        return {start_schedule_name(study): selection.schedule.value} | naive
     tail = {f"best of {count} random": float(random[-1]), "median random": float(np.median(random))}
-    return {CHOSEN: selection.schedule.value} | naive | tail
+    return {start_schedule_name(study): selection.schedule.value} | naive | tail
 
 
 def _draw_bars(study: Study, axes: Axes, bars: dict[str, float]) -> None:

@@ -11,30 +11,36 @@ from matplotlib.figure import Figure
 from obsdesign.arguments import validate_arguments
 from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, Picture, inline_svg, styled_figure
-from obsdesign.report.names import gap_in_words, path_in_words
+from obsdesign.report.names import filter_gap, gap_in_words, path_in_words
 from obsdesign.report.number_format import NARROW, numeral, plain
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
+from obsdesign.study.rated_schedules import FOR
 from obsdesign.study.record import Study
 
 
 @validate_arguments
-def schedule(schedule: Schedule, names: Sequence[str] | None = None, t: Sequence[float] | None = None) -> Figure:
+def schedule(schedule: Schedule | FilterSchedule, names: Sequence[str] | None = None, t: Sequence[float] | None = None) -> Figure:
     """Draw a schedule: one row per sensor, one column per segment, filled where the sensor is on.
 
     Arguments:
-        schedule: the schedule, of K segments and S sensors.
-        names: what the S sensors are called; None = by number.
-        t: where the segments begin and end (K+1,) [s]; None = segments are numbered.
+        schedule: the schedule, of K segments and S sensors, for the start or for a filter.
+        names: what the S sensors are called; None = as the schedule knows them, or by number.
+        t: where the segments begin and end (K+1,) [s]; None = as the schedule knows them, or segments are numbered.
     """
     title = f"value {numeral(schedule.value)}, bound {numeral(schedule.bound)}, gap {numeral(schedule.gap)}"
-    return draw_raster(schedule.chosen, sensor_labels(schedule, names), t, title)
+    if isinstance(schedule, FilterSchedule):
+        names, t = names or schedule.sensors, schedule.boundaries.tolist() if t is None else t
+        return draw_rasters([(title, schedule.chosen)], names, t)
+    return draw_rasters([(title, schedule.chosen)], sensor_labels(schedule, names), t)
 
 
 def picture(study: Study) -> Picture:
-    """Return the raster of the chosen schedule."""
-    chosen, symbol = study.selection.schedule, study.scenario.schedule_criterion.symbol
-    title = f"{symbol} {numeral(chosen.value)}, bound {numeral(chosen.bound)}, gap {gap_in_words(study)}"
-    figure = draw_raster(chosen.chosen, study.scenario.sensor_names, segment_nodes(study), title)
+    """Return the raster of the schedules of both questions, that of the one that is asked above."""
+    rasters = _rasters(study)
+    if study.selection.question == "filter":
+        rasters.reverse()
+    figure = draw_rasters(rasters, study.scenario.sensor_names, segment_nodes(study))
     description = f"Which sensor is on in which segment of {path_in_words(study.about)}"
     seconds = plain(study.scenario.time.segment)
     caption = f"Blue is on, for {seconds}{NARROW}s each; a sensor without blue is not needed on this path when the others may be used."
@@ -46,21 +52,35 @@ def sensor_labels(schedule: Schedule, names: Sequence[str] | None) -> Sequence[s
     return [f"sensor {s}" for s in range(schedule.chosen.shape[1])] if names is None else names
 
 
-def draw_raster(chosen: np.ndarray, names: Sequence[str], t: Sequence[float] | np.ndarray | None, title: str) -> Figure:
-    """Draw a schedule (K, S) under a title; segments are numbered where their times t (K+1,) are None."""
-    times = np.arange(len(chosen) + 1.0) if t is None else np.asarray(t)
+def draw_rasters(rasters: Sequence[tuple[str, np.ndarray]], names: Sequence[str], t: Sequence[float] | np.ndarray | None) -> Figure:
+    """Draw schedules (K, S) below each other, each under its title; segments are numbered where their times t (K+1,) are None."""
+    times = np.arange(len(rasters[0][1]) + 1.0) if t is None else np.asarray(t)
 
     def paint(figure: Figure) -> None:
         """Draw on the figure."""
-        axes = figure.add_subplot()
-        _draw_rows(axes, chosen, times)
-        axes.set_yticks(range(len(names)), names)
-        axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(times[0], times[-1]), xlabel="segment [–]" if t is None else "time [s]")
-        axes.tick_params(axis="y", length=0)
-        axes.spines["left"].set_visible(False)
-        axes.set_title(title)
+        panels = figure.subplots(len(rasters), 1, sharex=True, squeeze=False).ravel()
+        for axes, (title, chosen) in zip(panels, rasters, strict=True):
+            _draw_rows(axes, chosen, times)
+            axes.set_yticks(range(len(names)), names)
+            axes.set(ylim=(len(names) - 0.4, -0.6), xlim=(times[0], times[-1]))
+            axes.tick_params(axis="y", length=0)
+            axes.spines["left"].set_visible(False)
+            axes.set_title(title)
+        panels[-1].set_xlabel("segment [–]" if t is None else "time [s]")
 
-    return styled_figure(1.15 + 0.36 * len(names), paint)
+    return styled_figure(0.5 + len(rasters) * (0.65 + 0.36 * len(names)), paint)
+
+
+def _rasters(study: Study) -> list[tuple[str, np.ndarray]]:
+    """Titles and schedules (K, S) for the start, and for the filter where there is one."""
+    start, answer = study.selection.schedule, study.selection.filter
+    symbol = study.scenario.schedule_criterion.symbol
+    values = f"{symbol} {numeral(start.value)}, gap {gap_in_words(study)}"
+    if answer is None or not answer.schedule.status.has_answer:
+        return [(values, start.chosen)]
+    schedule = answer.schedule
+    cost = f"cost {numeral(schedule.value)}, gap {filter_gap(study, answer)}"
+    return [(f"{FOR['start']}: {values}", start.chosen), (f"{FOR['filter']}: {cost}", schedule.chosen)]
 
 
 def _draw_rows(axes: Axes, chosen: np.ndarray, times: np.ndarray) -> None:

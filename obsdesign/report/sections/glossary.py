@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.names import gap_formula, schedule_criterion
+from obsdesign.report.names import gap_formula, minimised_in_words, schedule_criterion
 from obsdesign.report.number_format import with_unit
 from obsdesign.study.record import Study
 
@@ -34,6 +34,11 @@ def glossary(study: Study) -> tuple[tuple[str, str], ...]:
         (
             "bound and gap",
             f"{schedule_criterion(study)} of every schedule that keeps the rules is below the bound; {gap_formula(study)}.",
+        ),
+        (
+            "cost to the filter",
+            f"{minimised_in_words(study.scenario)}, each state in units of its prior standard deviation; smaller is better, and no "
+            "schedule that keeps the rules is below its bound.",
         ),
         ("RMSE", "root mean square error over the filter runs, each with its own process noise, measurement noise and first estimate."),
         (

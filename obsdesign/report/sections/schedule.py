@@ -7,13 +7,14 @@ import math
 import numpy as np
 
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.figures import decision_costs, energy_front, path_map, rival_bars, schedule_raster
+from obsdesign.report.figures import decision_costs, energy_front, path_map, predicted_errors, rival_bars, schedule_raster, sensor_prices
 from obsdesign.report.figures.rival_bars import rival_values
 from obsdesign.report.names import capitalise, gap_in_words, has_relative_gap, path_in_words, path_suffix, schedule_criterion
 from obsdesign.report.number_format import NARROW, SUPERSCRIPT, join, numeral, plain, typeset
 from obsdesign.report.section import Section
 from obsdesign.report.sections._rules import rule_in_words
 from obsdesign.report.sections._segment_traits import segment_traits, usage_in_words
+from obsdesign.report.sections.filter_schedule import filter_answer, filter_clause, filter_notes, questions_table
 from obsdesign.report.table import Entry, Table, TableColumn, Toned, finite, hundredths, seconds, tabulate
 from obsdesign.status import Status
 from obsdesign.study.record import RivalSchedule, Study
@@ -21,29 +22,36 @@ from obsdesign.study.record import RivalSchedule, Study
 
 def section(study: Study) -> Section:
     """Return the answer to "Which?"."""
-    figures = (*(() if study.designs else (path_map,)), schedule_raster, decision_costs, rival_bars, energy_front)
+    for_start, for_filter = (decision_costs, rival_bars, energy_front), (predicted_errors, sensor_prices)
+    is_for_filter, rated = study.selection.question == "filter", study.selection.filter
+    ordered = (*for_filter, *for_start) if is_for_filter else (*for_start, *for_filter)
+    figures = (*(() if study.designs else (path_map,)), schedule_raster, *ordered)
+    both = () if rated is None else (questions_table(study, rated),)
     losses = (losses_table(study),) if study.selection.losses else ()
     return Section(
         f"which{facts.drawing_suffix(study)}",
         f"Which?{path_suffix(study)}",
         answer(study),
         tuple(picture for figure in figures if (picture := figure.picture(study)) is not None),
-        (usage_table(study), schedules_table(study), *losses),
-        _method_notes(study),
+        (*both, usage_table(study), schedules_table(study), *losses),
+        (*(() if rated is None else filter_notes(study, rated)), *_method_notes(study)),
     )
 
 
 def answer(study: Study) -> str:
     """Answer "Which?": when and where each sensor is on, how far that is from the best, what the others reach."""
-    schedule, name = study.selection.schedule, schedule_criterion(study)
+    schedule, name, rated = study.selection.schedule, schedule_criterion(study), study.selection.filter
+    words = f"{capitalise(schedule_in_words(study))}: {usage_in_words(study)}."
+    if study.selection.question == "filter" and rated is not None:
+        return f"{words} {filter_answer(study, rated, _schedule_count(study))}"
     others = join(
         [
             f"{rival.name} reaches {numeral(facts.zero_round_off(study, rival.value))}{_violation_clause(study, rival)}"
             for rival in study.selection.rivals
         ]
     )
-    words = capitalise(schedule_in_words(study))
-    return f"{words}: {usage_in_words(study)}. {name} is {numeral(schedule.value)}, {certificate(study)}; {others}."
+    clause = "" if rated is None else filter_clause(study, rated)
+    return f"{words} {name} is {numeral(schedule.value)}, {certificate(study)}; {others}.{clause}"
 
 
 def certificate(study: Study) -> str:
@@ -80,9 +88,9 @@ def _method_notes(study: Study) -> tuple[str, ...]:
     left = f"leaves {undecided} of {segments} segments undecided; these are rounded" if undecided else "decides every segment"
     looked = f" Branch and bound then looked at {plain(schedule.nodes)} partial schedules." if schedule.nodes else ""
     parts = [
-        "What is maximised is information about the state at the start, from the samples alone: without process noise and without "
-        "the prior. A filter lives on what is known now; where either matters, look at what the filter makes of the schedule.",
-        f"The schedule comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can.{looked} "
+        "What the schedule for the start maximises is information about the state at the start, from the samples alone: without process "
+        "noise and without the prior.",
+        f"It comes from a convex relaxation that {left}; exchanges of single sensors then improve it where they can.{looked} "
         "The bound follows from the relaxation's dual alone, so it holds whatever the solver did.",
     ]
     if study.selection.exact is not None:
@@ -106,7 +114,7 @@ def _method_notes(study: Study) -> tuple[str, ...]:
 def schedule_in_words(study: Study) -> str:
     """Say how many sensors are on at a time, and for how long each."""
     count, sensors = study.scenario.selection.per_segment, len(study.scenario.sensors)
-    on = facts.on_times(study, study.selection.schedule.chosen)
+    on = facts.on_times(study, study.selection.chosen)
     times = ", ".join(f"{name} {plain(seconds)}{NARROW}s" for name, seconds in on.items())
     return f"{count} of {sensors} sensors on at a time ({times})"
 
@@ -114,7 +122,7 @@ def schedule_in_words(study: Study) -> str:
 def usage_table(study: Study) -> Table:
     """When and where each sensor is on."""
     traits, times = segment_traits(study), facts.segment_nodes(study)
-    everything, on = np.ones(len(traits.seconds), dtype=bool), study.selection.schedule.chosen
+    everything, on = np.ones(len(traits.seconds), dtype=bool), study.selection.chosen
     has_turns, has_beacons = traits.is_mixed, any(traits.has_beacon)
 
     def row(name: str, active: np.ndarray, near: np.ndarray | None) -> tuple[Entry, ...]:
@@ -153,8 +161,8 @@ def losses_table(study: Study) -> Table:
     values = (TableColumn(f"{name} kept [–]", finite), TableColumn(f"{name}, chosen anew [–]", finite), TableColumn("bound [–]", finite))
     return tabulate(
         "When a sensor is lost",
-        f"Good: a schedule that keeps most of its {name}, {numeral(value)}, whichever sensor fails. Kept: by this schedule without the "
-        "sensor; chosen anew: by a schedule of the other sensors, none of which is above the bound.",
+        f"Good: a schedule for the start that keeps most of its {name}, {numeral(value)}, whichever sensor fails. Kept: by this schedule "
+        "without the sensor; chosen anew: by a schedule of the other sensors, none of which is above the bound.",
         (TableColumn("lost sensor"), share, *values),
         rows,
     )
@@ -179,18 +187,20 @@ def schedules_table(study: Study) -> Table:
     schedule, name = study.selection.schedule, schedule_criterion(study)
     values = {"no schedule is above": schedule.bound} | rival_values(study)
     if study.selection.exact is not None:
-        values = {"chosen, all its samples together": facts.zero_round_off(study, study.selection.exact)} | values
+        values = {
+            f"{facts.start_schedule_name(study)}, all its samples together": facts.zero_round_off(study, study.selection.exact)
+        } | values
     total = study.problem.scaled(study.main.information.total)
     values["all sensors on, for comparison"] = study.scenario.schedule_criterion.value(total)
     bound = schedule.bound
     has_shares = study.scenario.schedule_criterion.scales_with_information and bound > 0
     rows = (
-        (label, Toned(value, "good" if label == facts.CHOSEN else ""), *((value / bound,) if has_shares else ()))
+        (label, Toned(value, "good" if label == facts.start_schedule_name(study) else ""), *((value / bound,) if has_shares else ()))
         for label, value in values.items()
     )
     share = (TableColumn("of the bound [%]", hundredths),) if has_shares else ()
     return tabulate(
-        f"Schedules on {path_in_words(study.about)}",
+        f"Schedules for the start, on {path_in_words(study.about)}",
         f"Good: large {name} of S W S, near the bound that no schedule with {study.scenario.selection.per_segment} on at a time exceeds.",
         (TableColumn("schedule"), TableColumn(f"{name} [–]", finite), *share),
         rows,

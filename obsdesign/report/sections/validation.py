@@ -7,7 +7,7 @@ import numpy as np
 from obsdesign.estimation.validation import CONSISTENT_SHARE
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures import error_histories, nees
-from obsdesign.report.names import capitalise, path_in_words, path_suffix
+from obsdesign.report.names import capitalise, minimised_in_words, path_in_words, path_suffix
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, percent, plain, signal_label
 from obsdesign.report.section import Section
 from obsdesign.report.table import Entry, Table, TableColumn, Toned, hundredths, tabulate
@@ -82,8 +82,7 @@ def consistency_notes(study: Study) -> tuple[str, ...]:
         on = join([name for name, is_on in zip(study.scenario.sensor_names, last, strict=True) if is_on])
         notes.append(
             f"The final error in {join(worse)} is larger than {_on_the_baseline(study)}with "
-            f"{facts.baseline(study).schedule}: the schedule is chosen for what the whole path says about the start state, not for the "
-            f"last instant, and the last segment has only {on}."
+            f"{facts.baseline(study).schedule}: the schedule is chosen for {_purpose(study)}, and the last segment has only {on}."
         )
     return tuple(notes)
 
@@ -106,6 +105,12 @@ def _reason(study: Study, check: FilterCheck) -> str:
     if early and highest > 1.5 * validation.nees_interval[1]:
         return f"{peaks}; the linearisation error of that moment is forgotten later."
     return ""
+
+
+def _purpose(study: Study) -> str:
+    if study.selection.question == "filter":
+        return minimised_in_words(study.scenario)
+    return "what the whole path says about the start state, not for the last instant"
 
 
 def _on_the_baseline(study: Study) -> str:
