@@ -141,3 +141,34 @@ def test_the_schedule_is_the_best_of_all(seed: int) -> None:
     assert schedule.value == pytest.approx(best, abs=1e-6 * size)
     assert schedule.bound <= best + 1e-12 * size
     assert schedule.status is od.Status.OPTIMAL
+
+
+def test_coasting_through_unstable_motion_costs_what_a_filter_says():
+    """What grows is known from roots to all digits that there are, while J^-1 would lose half of them: P+ = F P F' + Q in closed form."""
+    x = ca.SX.sym("x", 2)
+    system = od.ControlAffineSystem(x, ("a", "b"), drift=ca.vertcat(4 * x[0] + x[1], -3 * x[1]), outputs={"y": x[1]})
+    path, step = od.simulate(system, np.zeros(2), np.zeros((16, 0)), 0.25), 0.25
+    prior = od.Prior(mean=np.zeros(2), std=(1.0, 1e-3))
+    schedule = od.select_for_filter(
+        system, path, prior, segment=1.0, disturbance_psd=(1e-4, 1e-6), active=np.zeros((16, 1)), over="end", throw=False
+    )
+    from scipy.linalg import expm
+
+    F, P = expm(np.array([[4.0, 1.0], [0.0, -3.0]]) * step), prior.covariance
+    for _ in range(15):
+        P = F @ P @ F.T + np.diag([1e-4, 1e-6]) * step
+    assert schedule.value == pytest.approx(np.trace(P), rel=1e-9)
+
+
+def test_nothing_on_with_an_unknown_input_costs_infinitely_much():
+    """Between samples an unknown input moves a state anywhere: what is compared then is infinite, and no error."""
+    x = ca.SX.sym("x", 1)
+    system = od.ControlAffineSystem(x, ("a",), drift=-x, unknown={"w": ca.SX(1)}, outputs={"y": x, "z": 2 * x})
+    path = od.simulate(system, np.zeros(1), np.zeros((6, 0)), 0.5)
+    prior = od.Prior(mean=np.zeros(1), std=(1.0,))
+    schedule = od.select_for_filter(system, path, prior, segment=1.0, unknown_inputs=("w",), gap=1e-5)
+    assert schedule.chosen.tolist() == [[False, True]] * 3
+    # t_0: prior and z, 1 + 4; later z alone, 4
+    assert schedule.value == pytest.approx((1 / 5 + 5 / 4) / 6, rel=1e-9)
+    assert schedule.status is od.Status.OPTIMAL
+    assert {other.name: other.value for other in schedule.compared}["nothing on"] == np.inf

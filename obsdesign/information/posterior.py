@@ -66,7 +66,7 @@ def posterior_information(
     weights = weights_of(system, path, active)
     if disturbance.unknown:
         require_trace(system, path, disturbance, weights)
-    roots = _roots(system, path, prior, disturbance, weights)
+    roots = posterior_roots(system, path, prior, disturbance, weights)
     with np.errstate(over="ignore", invalid="ignore"):
         J = roots.swapaxes(1, 2) @ roots
     if not np.isfinite(J).all():
@@ -105,7 +105,7 @@ def unknown_input_information(
     later_roots = backward_roots(system, path, disturbance, weights)
     if nuisance_of(system.model, path.step).size:
         return _marginal_information(*_rows_with_nuisance(system, path, prior, disturbance, weights))
-    roots = _roots(system, path, prior, disturbance, weights)[:-1]
+    roots = posterior_roots(system, path, prior, disturbance, weights)[:-1]
     n = path.x.shape[1]
     about_state = np.concatenate([roots, later_roots[:, :, :n]], axis=1)
     about_input = np.concatenate([np.zeros_like(later_roots[:, :, n:]), later_roots[:, :, n:]], axis=1)
@@ -224,7 +224,7 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     return Scan(carry, [step_graph.x, step_graph.all_inputs, weights, unit], carry_next, columns, loop=step_graph.loop)
 
 
-def _roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
+def posterior_roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
     n, nuisance = path.x.shape[1], nuisance_of(system.model, path.step)
     rows = [path.x[:-1], all_inputs_along(system, path), weights, prior.std]

@@ -90,6 +90,6 @@ def _question(scenario: Scenario, path: Trajectory, nodes: np.ndarray) -> Filter
 def _rate(scenario: Scenario, question: FilterQuestion, instance: SelectionProblem, name: str, chosen: np.ndarray) -> RatedSchedule:
     """Return a schedule (K, S) under both questions."""
     J = question.information(chosen)
-    cost = question.information_cost(J) + switching_cost(scenario.rules_for("filter"), question.segments, chosen)
+    cost = question.schedule_cost(chosen) + switching_cost(scenario.rules_for("filter"), question.segments, chosen)
     broken = rule_violations(scenario.selection.rules, question.segments, chosen)
     return RatedSchedule(name, chosen, instance.value(chosen), cost, standard_deviations(J), broken)

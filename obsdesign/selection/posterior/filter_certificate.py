@@ -27,7 +27,7 @@ def certify(
     """Return the record of an answer, its value recomputed by `posterior_information`, or with floors by a Kalman filter."""
     chosen = problem.options.chosen(walk.nodes)
     value = question.schedule_cost(chosen) + problem.switching(walk.nodes)
-    bound = _bound(answer.bound, value, walk.value, bool(question.disturbance.unknown))
+    bound = _bound(answer.bound, value, walk.value, question.unknown_error)
     is_relative = question.costs.criterion.gap_kind == "relative"
     remaining = (1 - bound / value if value else 0.0) if is_relative else value - bound
     worth = sensor_prices(question, problem, walk)
@@ -47,14 +47,14 @@ def certify(
     )
 
 
-def _bound(bound: float, value: float, searched_value: float, has_unknown_inputs: bool) -> float:
+def _bound(bound: float, value: float, searched_value: float, unknown_error: float) -> float:
     """Return a bound less what rounding may have added to it.
 
     That is 1e-9 of the value, and ten times what the search takes the schedule to cost above what it does. With unknown inputs the
-    search takes it to cost less, and what rounding did does not show: ten times the difference either way.
+    search takes it to cost less, and what rounding did does not show: ten times the share by which trial schedules were off.
     """
     difference = searched_value - value if np.isfinite(value) else 0.0
-    error = abs(difference) if has_unknown_inputs else max(0.0, difference)
+    error = max(0.0, difference, unknown_error * abs(searched_value))
     return min(bound - ROUNDING_MARGIN * abs(searched_value) - 10 * error, value)
 
 

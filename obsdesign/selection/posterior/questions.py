@@ -15,9 +15,10 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.errors import InputError
+from obsdesign.information.backward_pass import require_trace
 from obsdesign.information.information_update import Disturbance
 from obsdesign.information.linear_model import LinearModel, linear_model_of
-from obsdesign.information.posterior import disturbance_of, posterior_information, weights_of
+from obsdesign.information.posterior import disturbance_of, posterior_roots, weights_of
 from obsdesign.prior import Prior
 from obsdesign.round_off import standard_deviations
 from obsdesign.rules.abstract import Segments
@@ -25,7 +26,7 @@ from obsdesign.selection.posterior.instant_costs import InstantCosts
 from obsdesign.trajectory import Trajectory
 
 Over: TypeAlias = Literal["mean", "worst", "end"] | Sequence[float] | np.ndarray
-UNKNOWN_SPREADS = (1e3, 1e4, 1e5, 1e6, 1e7)
+UNKNOWN_SPREADS = (1e3 / 3, 1e4 / 3, 1e5 / 3, 1e6 / 3)  # no round numbers: what rounding does has to show
 """What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
 _ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be
 
@@ -36,7 +37,8 @@ class FilterQuestion:
 
     nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on;
     unknown_spread: how many of the prior's deviations an unknown input moves some state by in a step, in place of any distance; floors
-    (S,): what the mean error of a sensor within a segment never falls below, 0 = nothing, which counts where schedules are chosen.
+    (S,): what the mean error of a sensor within a segment never falls below, 0 = nothing, which counts where schedules are chosen;
+    unknown_error: the share of a cost by which that spread puts it wrong.
     """
 
     system: AbstractSystem
@@ -49,6 +51,7 @@ class FilterQuestion:
     costs: InstantCosts
     floors: np.ndarray
     unknown_spread: float = UNKNOWN_SPREADS[0]
+    unknown_error: float = 0.0
 
     @cached_property
     def segments(self) -> Segments:
@@ -77,34 +80,39 @@ class FilterQuestion:
         """Return which samples a schedule (K, S) has (N, S)."""
         return np.repeat(chosen, np.diff(self.nodes), axis=0) & (self.arrivals > 0)
 
+    def roots(self, chosen: np.ndarray) -> np.ndarray:
+        """Return R (N, n, n), R'R the information about x(t_k) after the samples at t_k of a schedule (K, S)."""
+        active = self.active(chosen).astype(float)
+        return posterior_roots(self.system, self.path, self.prior, self.disturbance, active)[:-1]
+
     def information(self, chosen: np.ndarray) -> np.ndarray:
         """Return J (N, n, n) after the samples at t_k of a schedule (K, S)."""
-        return posterior_information(
-            self.system, self.path, self.prior, self.disturbance_psd, self.unknown_inputs, self.active(chosen).astype(float)
-        )[:-1]
+        roots = self.roots(chosen)
+        return roots.swapaxes(1, 2) @ roots
 
     def schedule_cost(self, chosen: np.ndarray) -> float:
-        """Return the cost of a schedule (K, S), without what switching costs; with floors of the model that has them."""
+        """Return the cost of a schedule (K, S), without what switching costs; with floors of the model that has them.
+
+        inf where a state asked about is hidden at an instant that counts.
+        """
         if self.floors.any():  # posterior_information has none
             return self.costs.value(self.linear_model.covariances(self.active(chosen)))
-        return self.information_cost(self.information(chosen))
-
-    def information_cost(self, J: np.ndarray) -> float:
-        """Return the cost of information J (N, n, n); inf where a state asked about is hidden at an instant that counts."""
-        counted = J[self.costs.weights > 0]
-        if not np.isfinite(standard_deviations(counted)[:, self.costs.about]).all():
+        is_counted = self.costs.weights > 0
+        roots = self.roots(chosen)
+        counted = roots[is_counted]
+        if not np.isfinite(standard_deviations(counted.swapaxes(1, 2) @ counted)[:, self.costs.about]).all():
             return float("inf")
-        covariances = np.zeros_like(J)
-        covariances[self.costs.weights > 0] = _inverse(counted)
+        covariances = np.zeros_like(roots)
+        covariances[is_counted] = _covariances(counted)
         return self.costs.value(covariances)
 
 
-def _inverse(J: np.ndarray) -> np.ndarray:
-    """Return J^-1 (N, n, n), by unit diagonals."""
-    size = np.sqrt(np.diagonal(J, axis1=1, axis2=2))
-    size = np.where(size > 0, size, 1.0)
-    outer = size[:, :, None] * size[:, None, :]
-    return np.linalg.pinv(J / outer, rcond=1e-15, hermitian=True) / outer
+def _covariances(R: np.ndarray) -> np.ndarray:
+    """Return (R'R)^-1 (N, n, n) from roots, without squaring them first; by the largest entries of columns."""
+    size = np.abs(R).max(axis=1)
+    size = np.where(size > 0, size, 1.0)[:, None, :]
+    inverse = np.linalg.pinv(R / size, rcond=1e-15) / size.swapaxes(1, 2)
+    return inverse @ inverse.swapaxes(1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +150,8 @@ def build_question(system: AbstractSystem, path: Trajectory, prior: Prior, setti
         costs,
         _floors(settings.floor, system.model.sensor_names),
     )
-    question.disturbance  # noqa: B018  # refuses what does not fit before any work
+    if question.disturbance.unknown:
+        require_trace(system, path, question.disturbance, arrivals)
     return question
 
 
