@@ -16,7 +16,6 @@ import numpy as np
 from obsdesign.selection.posterior.deepening import better_walk
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 
-
 _MARGINS = (0, 2, 4)  # segments at the ends of a block that are left as they are: what is best there looks at nothing beyond
 
 
