@@ -105,7 +105,7 @@ def filter_notes(study: Study, answer: FilterAnswer) -> tuple[str, ...]:
     parts = [
         "The schedule for the filter: how large a filter's errors will be follows from the path, the prior, the process noise and what is "
         f"on when, before anything is measured. Proven (by {typeset(schedule.bound_by)}) is that no schedule that keeps the rules brings "
-        f"the cost below {numeral(schedule.bound)}: stretches of the path are begun with more than any schedule can know by then, and the "
-        "cheapest way through them is found among all. A filter that linearises may do worse than predicted: see what it makes of it.",
+        f"the cost below {numeral(schedule.bound)}: even a filter that is granted more on the way than any schedule can "
+        "teach it costs as much. A filter that linearises may do worse than predicted: see what it makes of it.",
     ]
     return (*parts, *(f"{typeset(note[:1].upper() + note[1:])}." for note in (text.rstrip(".") for text in schedule.notes)))
