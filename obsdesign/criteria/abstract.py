@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+import numpy as np
+
 if TYPE_CHECKING:
     import cvxpy as cp
-    import numpy as np
 
     from obsdesign.prior import Prior
 
-Over: TypeAlias = Literal["end", "mean", "worst"] | tuple[float, ...]
+Over: TypeAlias = Literal["end", "mean", "worst"] | Sequence[float] | np.ndarray
+"""Of which instants something is asked: the last, the mean of all, the largest, or their sum with weights (N,) >= 0."""
 
 
 @dataclass(frozen=True)

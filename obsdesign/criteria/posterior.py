@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array
-from obsdesign.criteria.abstract import AbstractCriterion, Knowledge
+from obsdesign.criteria.abstract import AbstractCriterion, Knowledge, Over
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError
 from obsdesign.prior import Prior
@@ -48,7 +48,7 @@ class Posterior(AbstractCriterion):
     """Names of the inputs of which nothing is known."""
     criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
     """What is asked of J (n, n), scaled as W is."""
-    over: Literal["end", "mean", "worst"] | tuple[float, ...] = "end"
+    over: Over = "end"
     """Of which instants: the last, the mean of all costs, the largest, or their sum with weights (N,) >= 0, one for each step."""
 
     def __post_init__(self) -> None:
@@ -56,7 +56,7 @@ class Posterior(AbstractCriterion):
             psd = as_array("posterior: disturbance_psd", self.disturbance_psd).tolist()
             object.__setattr__(self, "disturbance_psd", tuple(tuple(row) if isinstance(row, list) else row for row in psd))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
-        if isinstance(self.over, (tuple, list, np.ndarray)):
+        if not isinstance(self.over, str):
             object.__setattr__(self, "over", _as_weights(self.over))
 
     @property

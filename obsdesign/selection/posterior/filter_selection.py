@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_count, require_positive, require_within
-from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError, SolveError
@@ -25,7 +25,7 @@ from obsdesign.selection.posterior.formulation import problem_of, settle_unknown
 from obsdesign.selection.posterior.lost_sensors import answer_without, best_for_all, questions_without
 from obsdesign.selection.posterior.options import Options, build_options, switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
-from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, Over, build_question
+from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 

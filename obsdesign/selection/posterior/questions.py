@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.checks import as_array, require_known, require_positive, require_within, whole_multiple
-from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.path_segments import segments_along
 from obsdesign.errors import InputError
@@ -25,7 +24,6 @@ from obsdesign.rules.abstract import Segments
 from obsdesign.selection.posterior.instant_costs import InstantCosts
 from obsdesign.trajectory import Trajectory
 
-Over: TypeAlias = Literal["mean", "worst", "end"] | Sequence[float] | np.ndarray
 UNKNOWN_SPREADS = (1e3 / 3, 1e4 / 3, 1e5 / 3, 1e6 / 3)  # no round numbers: what rounding does has to show
 """What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
 _ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.checks import require_count, require_known, require_within
-from obsdesign.criteria.abstract import AbstractCriterion
+from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.answering_system import AnsweringSystem
 from obsdesign.dynamics.model import AbstractSystem
@@ -22,7 +22,7 @@ from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import solve_question
 from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
 from obsdesign.selection.posterior.options import Options, build_options
-from obsdesign.selection.posterior.questions import FilterSettings, Over, build_question
+from obsdesign.selection.posterior.questions import FilterSettings, build_question
 from obsdesign.status import Status
 
 
