@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from logging import getLogger
+from typing import Generic
 
 import numpy as np
 
 from obsdesign.design.best_design import choose_best as best_of
 from obsdesign.design.local_solve import LocalSolve, solve_locally
 from obsdesign.design.record import Design
-from obsdesign.joint.problem import JointProblem
-from obsdesign.selection.schedule import Schedule, gap_of
-from obsdesign.status import Status
+from obsdesign.joint.abstract import AbstractJointProblem
+from obsdesign.joint.result import AnySchedule
 from obsdesign.trajectory import Trajectory
 
 _LOGGER = getLogger(__name__)
@@ -20,42 +20,44 @@ _GAIN_TOLERANCE = 1e-9  # relative gain of a round that is none
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class Pair(Generic[AnySchedule]):
     """A path with its design, a schedule, what its switching takes off the value, and the objective of the two."""
 
     design: Design
     path: Trajectory
-    schedule: Schedule
+    schedule: AnySchedule
     penalty: float
     objective: float
 
 
 @dataclass(frozen=True, eq=False)
-class AlternationStart:
+class AlternationStart(Generic[AnySchedule]):
     """A pair to improve in turn, and what led there."""
 
-    joint_problem: JointProblem
+    joint_problem: AbstractJointProblem[AnySchedule]
     origin: str
-    pair: Pair
+    pair: Pair[AnySchedule]
 
 
 @dataclass(frozen=True, eq=False)
-class AlternationResult:
+class AlternationResult(Generic[AnySchedule]):
     """Where it ended; values: the objective before and after every half step; is_stationary: whether another round would gain nothing."""
 
     origin: str
-    pair: Pair
+    pair: Pair[AnySchedule]
     values: tuple[float, ...]
     is_stationary: bool
 
 
-def make_pair(joint_problem: JointProblem, design: Design, path: Trajectory, schedule: Schedule, penalty: float) -> Pair:
+def make_pair(
+    joint_problem: AbstractJointProblem[AnySchedule], design: Design, path: Trajectory, schedule: AnySchedule, penalty: float
+) -> Pair[AnySchedule]:
     """Return a pair with its objective recomputed."""
-    objective = joint_problem.criterion_value(path, schedule.chosen) - penalty - joint_problem.path_price(path)
+    objective = joint_problem.value_of(path, schedule.chosen, penalty) - joint_problem.path_price(path)
     return Pair(design, path, schedule, penalty, objective)
 
 
-def alternate(start: AlternationStart) -> AlternationResult:
+def alternate(start: AlternationStart[AnySchedule]) -> AlternationResult[AnySchedule]:
     """Improve the path for the schedule, then the schedule for the path, until a round gains nothing."""
     joint_problem, pair, values, is_stationary = start.joint_problem, start.pair, [start.pair.objective], False
     for _ in range(start.joint_problem.rounds):
@@ -71,7 +73,7 @@ def alternate(start: AlternationStart) -> AlternationResult:
     return AlternationResult(start.origin, pair, tuple(values), is_stationary)
 
 
-def certify(joint_problem: JointProblem, result: AlternationResult) -> AlternationResult:
+def certify(joint_problem: AbstractJointProblem[AnySchedule], result: AlternationResult[AnySchedule]) -> AlternationResult[AnySchedule]:
     """Return the end with a proven schedule; where that is better than its own, the turns go on from there."""
     for _ in range(joint_problem.rounds):
         pair = schedule_half_step(joint_problem, result.pair, proven=True)
@@ -82,14 +84,14 @@ def certify(joint_problem: JointProblem, result: AlternationResult) -> Alternati
     return replace(result, pair=schedule_half_step(joint_problem, result.pair, proven=True))
 
 
-def improve_path(joint_problem: JointProblem, u: np.ndarray, chosen: np.ndarray) -> Design:
+def improve_path(joint_problem: AbstractJointProblem[AnySchedule], u: np.ndarray, chosen: np.ndarray) -> Design:
     """Climb to the nearest local optimum of the path for a schedule (K, S) from inputs u (N, m)."""
     problem = joint_problem.with_schedule(chosen)
     solutions = [solve_locally(LocalSolve(problem, "in turn", u, (problem.path,), True))]
     return best_of(problem, solutions, solutions)
 
 
-def _path_half_step(joint_problem: JointProblem, pair: Pair) -> tuple[Pair, bool]:
+def _path_half_step(joint_problem: AbstractJointProblem[AnySchedule], pair: Pair[AnySchedule]) -> tuple[Pair[AnySchedule], bool]:
     """Return the pair with a path that is better for its schedule, if one was found, and whether the climb had an answer."""
     design = improve_path(joint_problem, pair.path.u, pair.schedule.chosen)
     path = design.trajectory
@@ -102,19 +104,20 @@ def _path_half_step(joint_problem: JointProblem, pair: Pair) -> tuple[Pair, bool
     return (candidate if candidate is not None and candidate.objective >= pair.objective else pair), True
 
 
-def schedule_half_step(joint_problem: JointProblem, pair: Pair, proven: bool = False) -> Pair:
+def schedule_half_step(
+    joint_problem: AbstractJointProblem[AnySchedule], pair: Pair[AnySchedule], proven: bool = False
+) -> Pair[AnySchedule]:
     """Return the pair with the best schedule found for its path, or with its own where that is as good, certified for the path."""
     candidate = _select_pair(joint_problem, pair.design, pair.path, proven)
     if candidate is None or candidate.objective > pair.objective:
         return pair if candidate is None else candidate
-    selected, value = candidate.schedule, pair.objective + joint_problem.path_price(pair.path)
-    gap = gap_of(value, max(selected.bound, value), joint_problem.problem.criterion)
-    status = Status.OPTIMAL if selected.status is Status.OPTIMAL and gap <= selected.gap else selected.status
-    retained = replace(selected, chosen=pair.schedule.chosen, value=value, gap=gap, status=status)
-    return replace(pair, schedule=retained)
+    value = pair.objective + joint_problem.path_price(pair.path)
+    return replace(pair, schedule=joint_problem.certify_chosen(pair.path, pair.schedule.chosen, value, candidate.schedule))
 
 
-def _select_pair(joint_problem: JointProblem, design: Design, path: Trajectory, proven: bool = False) -> Pair | None:
+def _select_pair(
+    joint_problem: AbstractJointProblem[AnySchedule], design: Design, path: Trajectory, proven: bool = False
+) -> Pair[AnySchedule] | None:
     schedule = joint_problem.select_schedule(path, proven)
     if not schedule.status.has_answer:
         return None

@@ -17,6 +17,7 @@ from obsdesign.design.nlp.program import Program
 from obsdesign.design.sqp.trust_region_sqp import StoppingCriteria, solve
 from obsdesign.joint.alternation import AlternationResult, AlternationStart, improve_path, make_pair
 from obsdesign.joint.problem import JointProblem
+from obsdesign.selection.schedule import Schedule
 
 _STOPPING = StoppingCriteria(iterations=60, tolerance=1e-5)  # another climb follows, with a schedule
 _MAX_WEIGHTS = 120  # weights in a climb: where there are more, neighbouring segments share theirs
@@ -34,7 +35,7 @@ class RelaxedStart:
     weights: np.ndarray
 
 
-def relaxations(joint_problem: JointProblem, ends: Sequence[AlternationResult], starts: int) -> Iterator[RelaxedStart]:
+def relaxations(joint_problem: JointProblem, ends: Sequence[AlternationResult[Schedule]], starts: int) -> Iterator[RelaxedStart]:
     """Yield where to climb from: the ends of turns, their schedules half undone, and other paths with the same weight on all sensors."""
     S = len(joint_problem.problem.system.model.channels)
     groups = _groups(joint_problem.segments, S)
@@ -46,7 +47,7 @@ def relaxations(joint_problem: JointProblem, ends: Sequence[AlternationResult], 
         yield RelaxedStart(joint_problem, f"relaxed, {name}", u, uniform)
 
 
-def round_relaxation(start: RelaxedStart) -> AlternationStart | None:
+def round_relaxation(start: RelaxedStart) -> AlternationStart[Schedule] | None:
     """Climb in (p, s), round by the selection on the path, and climb for that schedule; None where that has no answer."""
     joint_problem = start.joint_problem
     with one_thread():
@@ -62,9 +63,9 @@ def round_relaxation(start: RelaxedStart) -> AlternationStart | None:
         return AlternationStart(joint_problem, start.origin, pair)
 
 
-def best_distinct(starts: Iterable[AlternationStart | None]) -> list[AlternationStart]:
+def best_distinct(starts: Iterable[AlternationStart[Schedule] | None]) -> list[AlternationStart[Schedule]]:
     """Return the best few that differ."""
-    best: list[AlternationStart] = []
+    best: list[AlternationStart[Schedule]] = []
     for start in sorted((start for start in starts if start is not None), key=lambda start: -start.pair.objective):
         objective = start.pair.objective
         if len(best) < _MAX_ROUNDED and not any(

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from obsdesign.design.record import Design
 from obsdesign.display import AbstractDisplay, Summary, number, raster_picture, raster_text
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
 
+AnySchedule = TypeVar("AnySchedule", Schedule, FilterSchedule)
+"""A schedule for what is told of the start, or for what a filter knows."""
+
 
 @dataclass(frozen=True, eq=False)
-class OneSided:
+class OneSided(Generic[AnySchedule]):
     """A path and a schedule, one chosen for the other."""
 
     design: Design
     """The path, and the problem it answers."""
-    schedule: Schedule
+    schedule: AnySchedule
     """Certified for `design`'s path where that came first, else for the path that it was chosen on."""
     value: float
     """Criterion of the two minus what switching takes; NaN without an answer."""
@@ -25,24 +30,26 @@ class OneSided:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint(AbstractDisplay):
+class Joint(AbstractDisplay, Generic[AnySchedule]):
     """The best path and schedule found together.
 
-    value = schedule.value, recomputed, of what is counted (design.value of what samples say together, where errors are not independent).
+    For what is told of the start, value = schedule.value, recomputed, of what is counted (design.value of what samples say together, where
+    errors are not independent), and `schedule` a `Schedule`. For what a filter knows it is a `FilterSchedule`, whose value is a cost C, and
+    value = -C, or 1 / C of a smallest eigenvalue: that of the criterion `Posterior` with the samples of the schedule.
     Status LOCALLY_OPTIMAL: neither the path alone nor the schedule alone was found to be improved; GAP_OPEN: the rounds ran out before.
     """
 
     design: Design
     """The path, designed for that schedule (`design.problem.weights`)."""
-    schedule: Schedule
+    schedule: AnySchedule
     """The schedule, certified for that path."""
     value: float
     """Criterion of the two minus what switching takes; NaN without an answer."""
     objective: float
     """What was maximised: the value minus the path's prices; NaN without an answer."""
-    path_first: OneSided
+    path_first: OneSided[AnySchedule]
     """The path designed for all sensors, then the best schedule for it."""
-    sensors_first: OneSided
+    sensors_first: OneSided[AnySchedule]
     """The best schedule on the shortest path, or the straight one, then the path designed for it."""
     alternation: tuple[float, ...]
     """The objective at the beginning and after every half step of the alternation that led to the answer, never decreasing."""

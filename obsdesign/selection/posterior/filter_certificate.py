@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from obsdesign.round_off import standard_deviations
@@ -45,6 +47,18 @@ def certify(
         question.path.t[question.nodes],
         question.system.model.sensor_names,
     )
+
+
+def certify_schedule(
+    question: FilterQuestion, problem: PosteriorProblem, chosen: np.ndarray, proof: FilterSchedule, *, gap: float
+) -> FilterSchedule | None:
+    """Return the record of another schedule (K, S) under the bound of the best that was found; None where it does not keep the rules."""
+    nodes = problem.options.nodes_of(chosen)
+    if nodes is None:
+        return None
+    walk = problem.walk(nodes)
+    schedule = certify(question, problem, walk, Answer(walk, proof.bound, proof.bound_by), gap=gap)
+    return replace(schedule, compared=proof.compared, notes=proof.notes)
 
 
 def _bound(bound: float, value: float, searched_value: float, unknown_error: float) -> float:

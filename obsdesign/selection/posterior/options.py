@@ -66,6 +66,19 @@ class Options:
         """Return the schedule (K, S) of a walk (K,)."""
         return self.patterns[self.pattern_of_node[nodes]]
 
+    def nodes_of(self, chosen: np.ndarray) -> np.ndarray | None:
+        """Return a walk (K,) that is a schedule (K, S), whether its sensors are allowed or not; None where none follows the chain."""
+        fits = (self.patterns[self.pattern_of_node][None] == chosen[:, None, :]).all(axis=2)
+        reached = [fits[0] & self.may_start]
+        for fit in fits[1:]:
+            reached.append(fit & self.follows[reached[-1]].any(axis=0))
+        if not reached[-1].any():
+            return None
+        nodes = [int(np.flatnonzero(reached[-1])[0])]
+        for before in reached[-2::-1]:
+            nodes.append(int(np.flatnonzero(before & self.follows[:, nodes[-1]])[0]))
+        return np.array(nodes[::-1])
+
 
 def build_options(
     rules: tuple[AbstractRule, ...], per_segment: int, segments: Segments, answers: np.ndarray | None, on_before: np.ndarray | None = None
