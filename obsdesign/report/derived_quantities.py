@@ -38,7 +38,7 @@ class ErrorChange:
         return self.error >= 1.2 * self.baseline_error
 
 
-def joint_answers(joint: Joint) -> dict[str, tuple[Design, Schedule, float]]:
+def joint_answers(joint: Joint[Schedule]) -> dict[str, tuple[Design, Schedule, float]]:
     """The three answers of a codesign: a path, a schedule, and what they are worth together."""
     return {
         PATH_FIRST: (joint.path_first.design, joint.path_first.schedule, joint.path_first.value),

@@ -156,7 +156,7 @@ def _pareto(front: Pareto) -> ParetoPart:
     )
 
 
-def _joint(study: Study, joint: Joint) -> JointPart:
+def _joint(study: Study, joint: Joint[Schedule]) -> JointPart:
     """Return the part of the result."""
     parts = {name: _pair(study, *answer) for name, answer in joint_answers(joint).items()}
     return JointPart(

@@ -178,7 +178,7 @@ class Study(AbstractDisplay):
     """Question -> wall time [s]."""
     flight: Flight | None = None
     """The flight, where it was asked for."""
-    joint: Joint | None = None
+    joint: Joint[Schedule] | None = None
     """Path and schedule chosen together, where it was asked for."""
     about: str = DESIGNED
     """Name of the path that selection and validation are about."""

@@ -22,6 +22,7 @@ from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight, fly
 from obsdesign.progress import Progress, StageReport
 from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
+from obsdesign.selection.schedule import Schedule
 from obsdesign.study.candidate_paths import candidate_of, candidates_of
 from obsdesign.study.problem import problem_along, problem_of, scenario_paths, start_of
 from obsdesign.study.record import CHOSEN, Analysis, Candidate, FilterCheck, Selection, Study, baseline_of, schedule_at_steps, suites_of
@@ -145,7 +146,9 @@ def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
     )
 
 
-def _codesign(scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None, progress: Progress | None) -> Joint | None:
+def _codesign(
+    scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None, progress: Progress | None
+) -> Joint[Schedule] | None:
     settings, selection = scenario.codesign, scenario.selection
     if settings is None:
         return None

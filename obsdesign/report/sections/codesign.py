@@ -11,18 +11,19 @@ from obsdesign.report.names import criterion_name, has_relative_gap
 from obsdesign.report.number_format import numeral, percent
 from obsdesign.report.section import Section
 from obsdesign.report.table import Table, TableColumn, Toned, finite, seconds, tabulate
+from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
 from obsdesign.study.record import Study
 
 
-def section(study: Study, joint: Joint) -> Section:
+def section(study: Study, joint: Joint[Schedule]) -> Section:
     """Return the answer to "Together?"."""
     picture = joint_map.picture(study)
     pictures = () if picture is None else (picture,)
     return Section("together", "Together?", answer(study, joint), pictures, (answers_table(study, joint),))
 
 
-def answer(study: Study, joint: Joint) -> str:
+def answer(study: Study, joint: Joint[Schedule]) -> str:
     """Answer "Together?": what choosing both at once gains, and how far that is proven."""
     name, value = criterion_name(study), joint.value
     ratio = study.scenario.criterion.scales_with_information
@@ -42,7 +43,7 @@ def answer(study: Study, joint: Joint) -> str:
     )
 
 
-def answers_table(study: Study, joint: Joint) -> Table:
+def answers_table(study: Study, joint: Joint[Schedule]) -> Table:
     """What each order of choosing comes to."""
     total = study.scenario.time.segment
     rows = (
