@@ -23,7 +23,7 @@ from obsdesign.selection.posterior.options import build_options
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.questions import FilterSettings, build_question
 from obsdesign.selection.posterior.trellis import smallest_rest, start_of, successors
-from obsdesign.selection.posterior.windows import first_layers
+from obsdesign.selection.posterior.windows import single_layers
 
 _ROUNDING = 1e-9  # of the cost: what the solver takes off its bounds
 
@@ -131,6 +131,8 @@ def test_no_bound_is_above_the_best_of_all(seed: int) -> None:
         assert min(_smallest_eigenvalue(P[:, :, b] - ceiling, P[:, :, b]) for b in range(P.shape[2])) >= -1e-10
     for margin in (1e-6, 0.3 * abs(walk.value) + 0.1):
         _check_states(case, walk.value + margin)
+    alone = prove_best(problem, walk, lambda _: 0.0, WorkLimits(0, 0))
+    assert case.is_below(alone.bound) and alone.bound_by == "windows of 1 segment"
     for length, before in ((1, 0), (2, 1), (3, 4)):
         effort = WorkLimits(int(random.integers(50)), int(random.integers(20_000)))
         better, bound = bound_by_blocks(problem, walk, length, before, lambda part, own, e=effort: _answer(part, own, e))
@@ -145,10 +147,10 @@ def _answer(part: PosteriorProblem, own: Walk, effort: WorkLimits) -> tuple[Walk
 
 
 def _check_states(case: Enumerated, limit: float) -> None:
-    """Windows of two choices and of three, then passes with 1, 3, 10 and 30 states after each segment."""
+    """Windows of one choice, of two and of three, then passes with 1, 3, 10 and 30 states after each segment."""
     problem = case.problem
-    layers = first_layers(problem)
-    for _ in range(2):
+    layers = single_layers(problem)
+    for _ in range(3):
         chain = build_chain(problem, layers, prices_tried(problem, layers))
         assert case.is_below(min(chain.bound, limit))
         chain = prune(chain, limit)

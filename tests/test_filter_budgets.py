@@ -54,7 +54,7 @@ def test_every_price_bounds(prices: float) -> None:
     from obsdesign.selection.posterior.options import build_options
     from obsdesign.selection.posterior.questions import FilterSettings, build_question
     from obsdesign.selection.posterior.resource_prices import best_prices, priced_chain
-    from obsdesign.selection.posterior.windows import first_layers
+    from obsdesign.selection.posterior.windows import single_layers
 
     random = np.random.default_rng(5)
     small = random_problem(random, 3000)
@@ -65,7 +65,7 @@ def test_every_price_bounds(prices: float) -> None:
     settings = FilterSettings(**given, unknown_inputs=(), about=None, over="mean", criterion=TraceInverse(), scale=None, floor=None)
     question = build_question(*along, settings)
     problem = problem_of(question, build_options(rules, per_segment, question.segments, question.answers))
-    layers, limits = first_layers(problem), problem.options.limits
+    layers, limits = single_layers(problem), problem.options.limits
 
     def dual(mu: np.ndarray) -> float:
         return priced_chain(layers, mu)[0] - float(mu @ limits)

@@ -8,16 +8,17 @@ from time import monotonic
 
 import numpy as np
 
-from obsdesign.selection.posterior.aggregation import refine, relaxation_of_windows
+from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_windows
 from obsdesign.selection.posterior.blocks import bound_by_blocks
 from obsdesign.selection.posterior.cost_slopes import cost_slopes
-from obsdesign.selection.posterior.deepening import Proof, WorkLimits, better_walk, prove
+from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, prove
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices
 from obsdesign.selection.posterior.trellis import follow_trellis
-from obsdesign.selection.posterior.windows import first_layers
+from obsdesign.selection.posterior.windows import single_layers
 
 _MAX_TRELLIS = 4096  # partial schedules of a trellis
+_MAX_STEP_ENTRIES = 1_500_000  # numbers of the covariances that go on into a segment from partial schedules: no more of these are kept
 _PRICE_FACTORS = (0.0, 0.5, 1.0, 1.5)  # times the best prices of limits: with which partial schedules are compared
 _EFFORT = WorkLimits(max_windows=60_000, max_simulated=1_500_000)
 _EFFORT_OF_BLOCK = WorkLimits(max_windows=20_000, max_simulated=300_000)
@@ -92,8 +93,9 @@ def _search_blocks(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[floa
 def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
     """Return what windows and then refined states come to from a first schedule; gap_at: how near, by the best cost known."""
     proof = prove(problem, walk, gap_at(walk.value), effort)
-    answer = Answer(proof.walk, proof.bound, f"windows of {proof.depth} segments")
-    if proof.bound >= proof.walk.value - gap_at(proof.walk.value) or effort.is_over:
+    answer = Answer(proof.walk, proof.bound, _windows_of(proof.depth))
+    is_closed = proof.bound >= proof.walk.value - gap_at(proof.walk.value)
+    if is_closed or effort.is_over or proof.depth == 1:  # pairs of choices are too many already
         return answer
     return _refine_states(problem, proof, gap_at, effort)
 
@@ -101,13 +103,14 @@ def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], 
 def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
     """Return what passes with more and more states after each segment come to, from the windows of a proof on."""
     walk, bound, rest = proof.walk, proof.bound, effort.max_simulated - proof.simulated
-    by = f"windows of {proof.depth} segments"
+    by = _windows_of(proof.depth)
     slopes = cost_slopes(problem, walk)
     relaxation = relaxation_of_windows(proof.chain, walk.value - gap_at(walk.value))
     tolerance = _TOLERANCE * _worth(problem, walk, slopes)
     simulated_before = _WIDTHS[0] * problem.segments
     for width in _WIDTHS:
-        if bound >= walk.value - gap_at(walk.value) or _GROWTH * simulated_before > rest or effort.is_over:
+        is_closed = bound >= walk.value - gap_at(walk.value)
+        if is_closed or _GROWTH * simulated_before > rest or effort.is_over or not _can_hold(problem, relaxation, width):
             break
         found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
         walk = walk if found.nodes is None else better_walk(problem, walk, found.nodes)
@@ -124,6 +127,17 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
     return Answer(walk, min(bound, walk.value), by)
 
 
+def _windows_of(depth: int) -> str:
+    return f"windows of {depth} segment{'s' if depth > 1 else ''}"
+
+
+def _can_hold(problem: PosteriorProblem, relaxation: Relaxation, width: int) -> bool:
+    """Whether what goes on from so many states at once, by as many steps as from the states of a relaxation, can be held."""
+    pairs = zip(relaxation.layers, relaxation.layers[1:], strict=False)
+    steps = max((len(layer.node) / max(1, before.P.shape[2]) for before, layer in pairs), default=0.0)
+    return width * steps * len(problem.P0) ** 2 <= MAX_ENTRIES
+
+
 def _worth(problem: PosteriorProblem, walk: Walk, slopes: np.ndarray) -> float:
     """Return what knowing as much as the ceiling instead would save at the beginning of a segment, to first order: the median."""
     return float(np.median(np.einsum("kij,kij->k", slopes[:-1], walk.covariances - problem.ceilings)[1:])) if problem.segments > 1 else 0.0
@@ -132,12 +146,13 @@ def _worth(problem: PosteriorProblem, walk: Walk, slopes: np.ndarray) -> float:
 def first_walk(problem: PosteriorProblem) -> Walk | None:
     """Return the best walk of trellises of growing depth, with several prices where something is limited in sum."""
     best, nodes = None, len(problem.options.pattern_of_node)
+    width = max(1, _MAX_STEP_ENTRIES // (nodes * len(problem.P0) ** 2))
     prices = trellis_prices(problem)
     for depth in (1, 2, 3):
         if depth > 1 and nodes**depth > _MAX_TRELLIS:
             break
         for price in prices:
-            walk = follow_trellis(problem, depth, price)
+            walk = follow_trellis(problem, depth, price, width)
             if walk is not None and (best is None or walk.value < best.value):
                 best = walk
     return best
@@ -148,7 +163,7 @@ def trellis_prices(problem: PosteriorProblem) -> list[np.ndarray]:
     limits = problem.options.limits
     if not len(limits):
         return [np.zeros(0)]
-    layers = first_layers(problem)
+    layers = single_layers(problem)
     if problem.is_worst:
         level = float(np.median(np.concatenate([layer.cost for layer in layers])))
         unit = np.full(len(limits), level) / np.maximum(limits, problem.options.usage.max(initial=1e-9, axis=(1, 2)))

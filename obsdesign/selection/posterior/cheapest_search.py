@@ -13,6 +13,7 @@ from time import monotonic
 import numpy as np
 
 from obsdesign.selection.posterior.deepening import (
+    MAX_ENTRIES,
     Chain,
     WorkLimits,
     build_chain,
@@ -23,7 +24,7 @@ from obsdesign.selection.posterior.deepening import (
     prune,
 )
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
-from obsdesign.selection.posterior.windows import WindowLayer, first_layers
+from obsdesign.selection.posterior.windows import WindowLayer, single_layers
 
 _EFFORT = WorkLimits(max_windows=400_000, max_simulated=3_000_000)
 _MAX_TRELLIS = 4096  # partial walks of a trellis
@@ -66,8 +67,8 @@ class Cheapest:
 
 def search_cheapest(problem: PosteriorProblem, target: Target) -> Cheapest:
     """Return the cheapest walk and a bound: deeper and deeper windows, without those that a better walk does not pass through."""
-    walk, bound, depth = first_purchase(problem, target), -np.inf, 2
-    layers, simulated = first_layers(problem), 0
+    walk, bound, depth = first_purchase(problem, target), -np.inf, 1
+    layers, simulated = single_layers(problem), 0
     while True:
         layers = [layer.only(np.flatnonzero((layer.amounts[1:] <= problem.limits[:, None]).all(axis=0))) for layer in layers]
         simulated += count_windows(layers)
@@ -89,7 +90,8 @@ def _deeper(chain: Chain, limit: float, simulated: int, target: Target) -> list[
     chain = prune(chain, limit)
     pairs = [open_pairs(chain, k, limit) for k in range(1, chain.problem.segments)]
     count = sum(len(before) for before, _ in pairs)
-    if count > _EFFORT.max_windows or simulated + count > _EFFORT.max_simulated or monotonic() > target.deadline:
+    most = min(_EFFORT.max_windows, MAX_ENTRIES // len(chain.problem.P0) ** 2)
+    if count > most or simulated + count > _EFFORT.max_simulated or monotonic() > target.deadline:
         return None
     return extend_windows(chain, pairs)
 

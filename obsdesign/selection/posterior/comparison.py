@@ -16,6 +16,7 @@ from obsdesign.selection.solver import select_sensors
 
 _RANDOM = 100  # schedules drawn
 _MAX_START = 200  # segments up to which the schedule for the start is looked for too
+_MAX_START_CHOICES = 5000  # options in all segments up to which it is
 
 
 def compare_schedules(question: FilterQuestion, problem: PosteriorProblem, per_segment: int, seed: int) -> tuple[ComparedSchedule, ...]:
@@ -29,7 +30,7 @@ def compare_schedules(question: FilterQuestion, problem: PosteriorProblem, per_s
     fixed += [(f"{name} always", single_sensor(K, S, s)) for s, name in enumerate(names)]
     fixed.append(("round robin", round_robin(K, S, per_segment)))
     fixed += [(name, problem.options.chosen(nodes)) for name, nodes in _within_rules(problem, seed)]
-    if K <= _MAX_START:
+    if K <= _MAX_START and K * len(problem.options.patterns) <= _MAX_START_CHOICES:
         fixed += _for_the_start(question, per_segment)
     return tuple(ComparedSchedule(name, chosen, _cost(question, problem, chosen)) for name, chosen in fixed)
 
@@ -58,15 +59,21 @@ def _draw(problem: PosteriorProblem, count: int, random: np.random.Generator | N
     alive = np.arange(count)
     for k in range(problem.segments):
         step = successors(problem, frontier, k, rest)
+        if random is not None:
+            step = step.only(_first_of_each(step.parent, random.random(len(step.node))))
         cost, P = problem.maps.advance(k, options.pattern_of_node[step.node], frontier.P[:, :, step.parent])
         switching = options.switching_costs[frontier.node[step.parent], step.node]
-        score = cost + switching if random is None else random.random(len(cost))
-        order = np.lexsort((score, step.parent))
-        best = order[np.concatenate([[True], np.diff(step.parent[order]) > 0])] if len(order) else order
+        best = _first_of_each(step.parent, cost + switching)
         alive, nodes = alive[step.parent[best]], nodes[step.parent[best]]
         nodes[:, k] = step.node[best]
         frontier = frontier.advance(step, best, cost, switching, P, problem.is_worst)
     return nodes, frontier.value(problem.is_worst)
+
+
+def _first_of_each(group: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """Return the place of the lowest score (B,) in each group (B,)."""
+    order = np.lexsort((score, group))
+    return order[np.diff(group[order], prepend=-1) > 0]
 
 
 def _for_the_start(question: FilterQuestion, per_segment: int) -> list[tuple[str, np.ndarray]]:

@@ -15,7 +15,10 @@ import numpy as np
 
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices, threshold
-from obsdesign.selection.posterior.windows import WindowLayer, cheapest_chain, first_layers, minima_after, minima_to
+from obsdesign.selection.posterior.windows import WindowLayer, cheapest_chain, minima_after, minima_to, single_layers
+
+MAX_ENTRIES = 16_000_000
+"""Numbers of the covariances that are held at a time: 128 MB."""
 
 
 class AbstractSteps(Protocol):
@@ -44,6 +47,11 @@ class WorkLimits:
     def is_over(self) -> bool:
         """Whether the deadline has passed, by `time.monotonic`."""
         return monotonic() > self.deadline
+
+    def max_held(self, depth: int, n: int) -> int:
+        """Return how many windows of `depth` choices may be held; a quarter of all work where they are pairs, the first that tell much."""
+        windows = self.max_windows if depth > 2 else max(self.max_windows, self.max_simulated // 4)
+        return min(windows, MAX_ENTRIES // n**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +89,7 @@ class Chain:
     def through_pairs(self, k: int, before: np.ndarray, window: np.ndarray) -> np.ndarray:
         """Return what every schedule through windows (B,) of layer k - 1 and windows (B,) of layer k costs at least."""
         layer = self.layers[k]
-        own = self.problem.combine(priced_cost(self.problem, layer.only(window), self.prices), self.cost_after[k][:, window])
+        own = self.problem.combine(priced_cost(self.problem, layer, self.prices)[:, window], self.cost_after[k][:, window])
         amounts = self.amounts_to[k - 1][:, before] + layer.amounts[:, window] + self.amounts_after[k][:, window]
         return self._total(self.problem.combine(self.cost_to[k - 1][:, before], own), amounts)
 
@@ -95,11 +103,12 @@ class Chain:
         return max(least, threshold(self.problem, self.layers)) if self.problem.is_worst and self.prices.size else least
 
     def cheapest(self) -> list[np.ndarray]:
-        """Return the nodes (K,) of a cheapest chain at each of the prices."""
+        """Return the nodes (K,) of a cheapest chain at each of the prices, without those in which one follows that may not."""
         is_open = np.isfinite(self.through(len(self.layers) - 1))
         lasts = [int(np.where(is_open, totals, np.inf).argmin()) for totals in self.cost_to[-1]]
         chains = [cheapest_chain(self.layers, [totals[m] for totals in self.cost_to], last) for m, last in enumerate(lasts)]
-        return [np.array([layer.node[w] for layer, w in zip(self.layers, windows, strict=True)]) for windows in chains]
+        walks = [np.array([layer.node[w] for layer, w in zip(self.layers, windows, strict=True)]) for windows in chains]
+        return [nodes for nodes in walks if self.problem.options.follows[nodes[:-1], nodes[1:]].all()]
 
 
 def total_cost(problem: PosteriorProblem, prices: np.ndarray, cost: np.ndarray, amounts: np.ndarray) -> np.ndarray:
@@ -137,7 +146,7 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
     gap: how much below the best known a schedule has to be to be looked for, in the cost's unit. Stops when the gap is closed, when the
     number of windows falls, and at the limits of work.
     """
-    layers, bound, depth, before = first_layers(problem), -np.inf, 2, 0
+    layers, bound, depth, before = single_layers(problem), -np.inf, 1, 0
     simulated = count_windows(layers)
     while True:
         chain = build_chain(problem, layers, prices_tried(problem, layers))
@@ -150,9 +159,11 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
         chain = prune(chain, walk.value - gap)
         pairs = [open_pairs(chain, k, walk.value - gap) for k in range(1, problem.segments)]
         count = sum(len(window) for _, window in pairs)
-        if count < before or count > effort.max_windows or simulated + count > effort.max_simulated or effort.is_over:
+        most = effort.max_held(depth + 1, len(problem.P0))
+        if count < before or count > most or simulated + count > effort.max_simulated or effort.is_over:
             return Proof(walk, bound, chain, depth, simulated)
-        layers, depth, before = extend_windows(chain, pairs), depth + 1, count
+        before = count if depth > 1 else 0
+        layers, depth = extend_windows(chain, pairs), depth + 1
         simulated += count_windows(layers)
 
 
@@ -194,6 +205,8 @@ def _pairs(before: WindowLayer, layer: WindowLayer) -> tuple[np.ndarray, np.ndar
 def open_pairs(chain: Chain, k: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the windows of layers k - 1 and k that overlap and through both of which a schedule may cost less than the limit."""
     before, window = _pairs(chain.layers[k - 1], chain.layers[k])
+    follows = chain.problem.options.follows[chain.layers[k - 1].node[before], chain.layers[k].node[window]]
+    before, window = before[follows], window[follows]
     is_open = chain.through_pairs(k, before, window) < limit
     return before[is_open], window[is_open]
 

@@ -19,6 +19,10 @@ class Steps:
     node: np.ndarray
     usage: np.ndarray
 
+    def only(self, index: np.ndarray) -> Steps:
+        """Return some of them."""
+        return Steps(self.parent[index], self.node[index], self.usage[:, index])
+
 
 @dataclass(frozen=True, eq=False)
 class PartialWalks:
@@ -65,10 +69,10 @@ def successors(problem: PosteriorProblem, walks: PartialWalks, k: int, rest: np.
     return Steps(parent[can_end], node[can_end], usage[:, can_end])
 
 
-def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray) -> Walk | None:
+def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, width: int) -> Walk | None:
     """Return the walk that keeping the best for every choice of the last `depth` segments ends with; None where none keeps the limits.
 
-    prices (R,): what a unit of each resource counts while partial schedules are compared.
+    prices (R,): what a unit of each resource counts while partial schedules are compared; of more than `width` the best are kept.
     """
     options, rest = problem.options, smallest_rest(problem)
     parents, choices, key, walks = [], [], np.zeros(1, dtype=np.int64), start_of(problem, 1)
@@ -81,7 +85,7 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray) ->
         walks = walks.advance(steps, np.arange(len(cost)), cost, switching, P, problem.is_worst)
         score = walks.value(problem.is_worst) + prices @ walks.usage + (_TIE_BREAK * cost if problem.is_worst else 0.0)
         key = (key[steps.parent] * len(options.pattern_of_node) + steps.node) % len(options.pattern_of_node) ** depth
-        best = _best_by_key(key, score)
+        best = _best_by_key(key, score, width)
         parents.append(steps.parent[best])
         choices.append(steps.node[best])
         key = key[best]
@@ -89,9 +93,10 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray) ->
     return problem.walk(_backtrack(parents, choices, int(walks.value(problem.is_worst).argmin())))
 
 
-def _best_by_key(key: np.ndarray, score: np.ndarray) -> np.ndarray:
+def _best_by_key(key: np.ndarray, score: np.ndarray, width: int) -> np.ndarray:
     order = np.lexsort((score, key))
-    return order[np.concatenate([[True], np.diff(key[order]) > 0])]
+    best = order[np.concatenate([[True], np.diff(key[order]) > 0])]
+    return best if len(best) <= width else np.sort(best[np.argsort(score[best], kind="stable")[:width]])
 
 
 def _backtrack(parents: list[np.ndarray], choices: list[np.ndarray], index: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 A window at segment k is the nodes of the segments i..k; it costs what segment k costs after them when segment i began at its ceiling,
 where no schedule knows more: less than in any schedule with these choices, as covariances are monotone in earlier ones. Windows that
-begin at segment 0 are exact. A schedule is a chain of windows that overlap in all but one choice.
+begin at segment 0 are exact. A schedule is a chain of windows that overlap in all but one choice; the first ones have one choice.
 """
 
 from __future__ import annotations
@@ -58,39 +58,36 @@ def smallest_by_key(values: np.ndarray, key: np.ndarray, count: int) -> np.ndarr
     return smallest
 
 
-def first_layers(problem: PosteriorProblem) -> list[WindowLayer]:
-    """Return windows of two choices, of one at the first segment."""
-    options = problem.options
-    layers = [_first_layer(problem)]
-    single = [layers[0]] + [_single_layer(problem, k) for k in range(1, problem.segments)]
-    for k in range(1, problem.segments):
-        before, node = np.nonzero(options.follows & options.allowed[k - 1][:, None] & options.allowed[k][None])
-        position = np.full(len(options.pattern_of_node), -1)
-        position[single[k - 1].node] = np.arange(len(single[k - 1].node))
-        is_reached = position[before] >= 0
-        before, node = before[is_reached], node[is_reached]
-        layers.append(_extend(problem, k, single[k - 1].P[:, :, position[before]], before, node))
-    layers[0] = replace(layers[0], tail=layers[0].node, n_tails=len(options.pattern_of_node))
-    return layers
+def single_layers(problem: PosteriorProblem) -> list[WindowLayer]:
+    """Return windows of one choice, begun at the ceiling, exact at the first segment; what follows what is left out.
 
-
-def _extend(problem: PosteriorProblem, k: int, P: np.ndarray, before: np.ndarray, node: np.ndarray) -> WindowLayer:
-    cost, amounts, P_next = problem.advance(k, before, node, P)
-    return WindowLayer(node, before, node, len(problem.options.pattern_of_node), cost, amounts, P_next)
-
-
-def _first_layer(problem: PosteriorProblem) -> WindowLayer:
-    node = np.flatnonzero(problem.options.allowed[0] & problem.options.may_start)
-    start = np.full(len(node), -1)
-    layer = _extend(problem, 0, np.repeat(problem.P0[:, :, None], len(node), axis=2), start, node)
-    return replace(layer, head=np.zeros(len(node), dtype=int))
+    They overlap in nothing, and switch on what the node that may be before them and asks for least does.
+    """
+    return [_single_layer(problem, k) for k in range(problem.segments)]
 
 
 def _single_layer(problem: PosteriorProblem, k: int) -> WindowLayer:
-    """Return windows of one choice, begun at the ceiling: only their covariances are used."""
-    node = np.flatnonzero(problem.options.allowed[k])
-    P = np.repeat(problem.ceilings[k][:, :, None], len(node), axis=2)
-    return _extend(problem, k, P, np.full(len(node), -1), node)
+    options = problem.options
+    node = np.flatnonzero(options.allowed[k] & (options.may_start if k == 0 else True))
+    start, nothing = np.full(len(node), -1), np.zeros(len(node), dtype=int)
+    cost, amounts, P = problem.advance(k, start, node, np.repeat(problem.ceilings[k][:, :, None], len(node), axis=2))
+    layer = WindowLayer(node, nothing, nothing, 1, cost, amounts, P)
+    return layer if k == 0 or not options.is_linked else _with_least_switching(problem, k, layer)
+
+
+def _with_least_switching(problem: PosteriorProblem, k: int, layer: WindowLayer) -> WindowLayer:
+    """Return windows of one choice of which each switches on what it does after the node before it with which that is least."""
+    options, node = problem.options, layer.node
+    before = np.flatnonzero(options.allowed[k - 1])
+    may_follow = options.follows[before[:, None], node]
+    switching = problem.switching_costs(k, before[:, None], node)
+    starts = np.concatenate([switching[None], options.start_usage[:, before[:, None], node]])
+    least = np.where(may_follow, starts, np.inf).min(axis=1, initial=np.inf)
+    amounts = layer.amounts.copy()
+    amounts[0] = least[0]
+    count = len(starts) - 1
+    amounts[1 : count + 1] = options.usage[:, k, node] + least[1:]
+    return replace(layer, amounts=amounts).only(np.flatnonzero(may_follow.any(axis=0)))
 
 
 def minima_to(layers: list[WindowLayer], values: list[np.ndarray], combine: Combine) -> list[np.ndarray]:
