@@ -170,6 +170,16 @@ def test_knowledge_does_not_grow_from_step_to_step_where_the_driven_state_decays
         assert np.abs(difference(found, expected)).max() < 1e-11
 
 
+@pytest.mark.parametrize(("rate", "spread"), [(15.0, 1e6), (25.0, 1e6), (25.0, 1e8), (15.0, 1e8)])
+def test_a_loose_prior_of_a_fast_state_claims_nothing(rate: float, spread: float):
+    """Rows of sizes 1e8 apart: an input into the slowest state, nothing known of the fastest; 9 % too much was claimed at 1e8."""
+    A = np.array([[-rate, 0.3, 0], [0, -0.1, 0.3], [0, 0, -0.01]])
+    std, samples = np.array([spread, 4.0, 0.07]), np.ones((2, 1), dtype=bool)
+    case = Linear(A, np.array([[0], [0], [0.01]]), np.array([[1, 0.1, 0]]), np.array([0.4]), samples, 1.0, std)
+    found, expected = case.found()[1], doubles(truth(case)[1])
+    np.testing.assert_allclose(np.diag(found)[[0, 2]], np.diag(expected)[[0, 2]], rtol=1e-9)
+
+
 def assert_never_more_than_is_known(seeds: Sequence[int]) -> None:
     compared = 0
     for seed in seeds:

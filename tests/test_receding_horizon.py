@@ -123,3 +123,32 @@ def test_a_floor_is_an_error_that_a_segment_has_in_common():
     information = 1 / 100 + 2 / (1 / 4 + 0.49)
     assert schedule.value == pytest.approx(1 / information, rel=1e-9)
     assert schedule.predicted[-1, 0] == pytest.approx((1 / 100 + 8) ** -0.5, rel=1e-9)
+
+
+def test_what_an_unknown_input_moves_is_hidden_however_little_it_moves_it():
+    """x+ = x + b w with w anything leaves nothing of any state that b moves, b = (1e-3, 1, 1) beside a prior of (1, 1e-6, 1e-6)."""
+    from obsdesign.selection.posterior.questions import deviations_of_roots
+
+    b, T = np.array([1e-3, 1.0, 1.0]), np.diag([1.0, 1e6, 1e6])
+    g = T @ b
+    roots = (T - np.outer(g, g @ T) / (g @ g))[None]
+    assert np.isinf(deviations_of_roots(roots)).all()
+
+
+def test_deviations_of_roots_are_those_of_the_covariance():
+    """P = (R'R)^-1 with units from 1e-9 to 1e9, against exact fractions of a triangular R."""
+    from fractions import Fraction
+
+    from obsdesign.selection.posterior.questions import deviations_of_roots
+
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        n = int(random.integers(1, 5))
+        R = np.triu(random.normal(size=(n, n))) * 10.0 ** random.uniform(-9, 9, n)
+        exact = [[Fraction(0)] * n for _ in range(n)]
+        for j in range(n):
+            for i in range(n - 1, -1, -1):
+                rest = Fraction(int(i == j)) - sum(Fraction(R[i, k]) * exact[k][j] for k in range(i + 1, n))
+                exact[i][j] = rest / Fraction(R[i, i])
+        expected = [float(sum(entry**2 for entry in row)) ** 0.5 for row in exact]
+        np.testing.assert_allclose(deviations_of_roots(R[None])[0], expected, rtol=1e-7)

@@ -54,13 +54,23 @@ def solve(A: ca.SX, Y: ca.SX) -> ca.SX:
 
 
 def _solve_block(A: ca.SX, Y: ca.SX) -> ca.SX:
-    """Return A^-1 Y for A that has no structure."""
+    """Return A^-1 Y for A that has no structure.
+
+    Rows are first brought to sizes from 1 to 2: reflections keep only what is not small beside the largest row.
+    """
     if A.numel() == 1:
         return Y / A
     n, joint = A.shape[0], ca.horzcat(A, Y)
-    rows = [[joint[i, j] for j in range(joint.shape[1])] for i in range(n)]
+    rows = [[unit * entry for entry in ca.horzsplit(joint[i, :])] for i, unit in enumerate(_units_of_rows(A))]
     _triangulate(rows, n)
     for i in reversed(range(n)):
         for j in range(n, len(rows[i])):
             rows[i][j] = (rows[i][j] - sum((rows[i][k] * rows[k][j] for k in range(i + 1, n)), ca.SX(0))) / rows[i][i]
     return ca.sparsify(ca.vertcat(*[ca.horzcat(*row[n:]) for row in rows]))
+
+
+def _units_of_rows(A: ca.SX) -> list[ca.SX]:
+    """Return a power of two for each row that brings its largest entry to between 1 and 2: nothing is rounded, and its derivative is 0."""
+    sizes = [ca.mmax(ca.fabs(ca.densify(A[i, :]))) for i in range(A.shape[0])]
+    exponents = [ca.floor(ca.log(ca.if_else(size > 0, size, 1)) / np.log(2.0)) for size in sizes]
+    return [ca.power(2, -exponent) for exponent in exponents]

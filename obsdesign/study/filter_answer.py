@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from obsdesign.round_off import standard_deviations
 from obsdesign.scenario.schema import Scenario
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import select_for_filter
@@ -89,7 +88,6 @@ def _question(scenario: Scenario, path: Trajectory, nodes: np.ndarray) -> Filter
 
 def _rate(scenario: Scenario, question: FilterQuestion, instance: SelectionProblem, name: str, chosen: np.ndarray) -> RatedSchedule:
     """Return a schedule (K, S) under both questions."""
-    J = question.information(chosen)
     cost = question.schedule_cost(chosen) + switching_cost(scenario.rules_for("filter"), question.segments, chosen)
     broken = rule_violations(scenario.selection.rules, question.segments, chosen)
-    return RatedSchedule(name, chosen, instance.value(chosen), cost, standard_deviations(J), broken)
+    return RatedSchedule(name, chosen, instance.value(chosen), cost, question.deviations(chosen), broken)

@@ -18,7 +18,6 @@ from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import SolveError
 from obsdesign.prior import Prior
-from obsdesign.round_off import standard_deviations
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.selection.baselines import round_robin, single_sensor
@@ -174,7 +173,7 @@ def purchase_problem(
 
 
 def _predicted(question: FilterQuestion, chosen: np.ndarray) -> np.ndarray:
-    return standard_deviations(question.information(chosen))
+    return question.deviations(chosen)
 
 
 def _holds(question: FilterQuestion, required: tuple[RequiredKnowledge, ...], chosen: np.ndarray) -> bool:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from obsdesign.round_off import standard_deviations
 from obsdesign.selection.posterior.bounded_search import Answer
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
@@ -38,7 +37,7 @@ def certify(
         value,
         bound,
         remaining,
-        standard_deviations(question.information(chosen)),
+        question.deviations(chosen),
         Status.OPTIMAL if remaining <= max(gap, 2 * ROUNDING_MARGIN) else Status.GAP_OPEN,
         answer.bound_by,
         worth.memory,

@@ -19,7 +19,6 @@ from obsdesign.information.information_update import Disturbance
 from obsdesign.information.linear_model import LinearModel, linear_model_of
 from obsdesign.information.posterior import disturbance_of, posterior_roots, weights_of
 from obsdesign.prior import Prior
-from obsdesign.round_off import standard_deviations
 from obsdesign.rules.abstract import Segments
 from obsdesign.selection.posterior.instant_costs import InstantCosts
 from obsdesign.trajectory import Trajectory
@@ -88,6 +87,10 @@ class FilterQuestion:
         roots = self.roots(chosen)
         return roots.swapaxes(1, 2) @ roots
 
+    def deviations(self, chosen: np.ndarray) -> np.ndarray:
+        """Return the standard deviations (N, n) after the samples at t_k of a schedule (K, S); inf for what is hidden."""
+        return deviations_of_roots(self.roots(chosen))
+
     def schedule_cost(self, chosen: np.ndarray) -> float:
         """Return the cost of a schedule (K, S), without what switching costs; with floors of the model that has them.
 
@@ -98,17 +101,37 @@ class FilterQuestion:
         is_counted = self.costs.weights > 0
         roots = self.roots(chosen)
         counted = roots[is_counted]
-        if not np.isfinite(standard_deviations(counted.swapaxes(1, 2) @ counted)[:, self.costs.about]).all():
+        if not np.isfinite(deviations_of_roots(counted)[:, self.costs.about]).all():
             return float("inf")
         covariances = np.zeros_like(roots)
         covariances[is_counted] = _covariances(counted)
         return self.costs.value(covariances)
 
 
+def deviations_of_roots(R: np.ndarray) -> np.ndarray:
+    """Return the standard deviations (N, n) of (R'R)^-1 from roots R (N, n, n); inf for a state moved by a direction that R is blind for.
+
+    A direction whose singular value, with columns of size 1, is below n eps of the largest counts as hidden if with that it would be more
+    than half of a state's variance. R'R keeps only half as many digits.
+    """
+    size, n = _column_sizes(R), R.shape[1]
+    _, values, Vt = np.linalg.svd(R / size)
+    threshold = n * np.finfo(float).eps * values[:, :1]
+    is_hidden = values <= threshold
+    smallest = np.where(is_hidden, threshold, values)
+    shares = Vt.swapaxes(1, 2) ** 2 / np.where(smallest > 0, smallest, 1.0)[:, None, :] ** 2
+    visible, hidden = ((shares * mask[:, None, :]).sum(axis=2) for mask in (~is_hidden, is_hidden))
+    return np.where(hidden > visible, np.inf, np.sqrt(visible)) / size[:, 0]
+
+
+def _column_sizes(R: np.ndarray) -> np.ndarray:
+    size = np.abs(R).max(axis=1)
+    return np.where(size > 0, size, 1.0)[:, None, :]
+
+
 def _covariances(R: np.ndarray) -> np.ndarray:
     """Return (R'R)^-1 (N, n, n) from roots, without squaring them first; by the largest entries of columns."""
-    size = np.abs(R).max(axis=1)
-    size = np.where(size > 0, size, 1.0)[:, None, :]
+    size = _column_sizes(R)
     inverse = np.linalg.pinv(R / size, rcond=1e-15) / size.swapaxes(1, 2)
     return inverse @ inverse.swapaxes(1, 2)
 
