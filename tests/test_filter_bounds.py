@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from test_filter_schedules import random_instance
 
 import obsdesign as od
-from obsdesign.selection.posterior.aggregation import refine, relaxation_of_windows
+from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_ceilings, relaxation_of_windows
 from obsdesign.selection.posterior.blocks import bound_by_blocks
 from obsdesign.selection.posterior.bounded_search import first_walk, prove_best
 from obsdesign.selection.posterior.ceiling import meet, meet_of_groups
@@ -156,7 +156,15 @@ def _check_states(case: Enumerated, limit: float) -> None:
         chain = prune(chain, limit)
         layers = extend_windows(chain, [open_pairs(chain, k, limit) for k in range(1, problem.segments)])
     chain = prune(build_chain(problem, layers, prices_tried(problem, layers)), limit)
-    relaxation, slopes, bound = relaxation_of_windows(chain, limit), cost_slopes(problem, case.walk), -np.inf
+    slopes = cost_slopes(problem, case.walk)
+    if not problem.options.is_linked and not len(problem.limits):
+        singles = single_layers(problem)
+        _check_passes(case, relaxation_of_ceilings(build_chain(problem, singles, prices_tried(problem, singles))), slopes, limit)
+    _check_passes(case, relaxation_of_windows(chain, limit), slopes, limit)
+
+
+def _check_passes(case: Enumerated, relaxation: Relaxation, slopes: np.ndarray, limit: float) -> None:
+    problem, bound = case.problem, -np.inf
     for width in (1, 3, 10, 30):
         result = refine(problem, relaxation, slopes, limit, width, 0.1 * abs(case.best))
         if result.relaxation is None:

@@ -88,6 +88,20 @@ def relaxation_of_windows(chain: Chain, limit: float) -> Relaxation:
     return Relaxation(layers, chain.prices, chain.bound)
 
 
+def relaxation_of_ceilings(chain: Chain) -> Relaxation:
+    """Return one state after each segment, the ceiling: schedules are then joined by what they know and cost alone.
+
+    chain: of windows of one choice, in a problem in which what is chosen in one segment leaves open all choices in others.
+    """
+    layers = []
+    for k, layer in enumerate(chain.layers):
+        nothing, following = np.zeros(len(layer.node), dtype=int), k + 1 < len(chain.layers)
+        P = chain.problem.ceilings[k + 1][:, :, None] if following else np.zeros((*chain.problem.P0.shape, 1))
+        after = [values.min(axis=1, keepdims=True) for values in (chain.cost_after[k], chain.amounts_after[k])]
+        layers.append(StateLayer(nothing, layer.node, nothing, layer.cost, layer.amounts, P, *after))
+    return Relaxation(layers, chain.prices, chain.bound)
+
+
 def refine(
     problem: PosteriorProblem,
     relaxation: Relaxation,

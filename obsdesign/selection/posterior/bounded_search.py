@@ -8,10 +8,10 @@ from time import monotonic
 
 import numpy as np
 
-from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_windows
+from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_ceilings, relaxation_of_windows
 from obsdesign.selection.posterior.blocks import bound_by_blocks
 from obsdesign.selection.posterior.cost_slopes import cost_slopes
-from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, prove
+from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, build_chain, prove
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices
 from obsdesign.selection.posterior.trellis import follow_trellis
@@ -28,6 +28,8 @@ _ROUNDING = 8 * float(np.finfo(float).eps)
 _OF_BLOCKS = 0.5  # share of the gap that blocks may leave open
 _WIDTHS = (300, 1000, 3000, 10_000, 30_000, 100_000)  # states after each segment, pass by pass
 _SCHEDULES = 100  # states where only a schedule is looked for
+_FAR = 0.02  # of the cost: a gap that is left open, from which on states that cut across windows are tried
+_MAX_JOINED = 2000  # such states after each segment
 _GROWTH = 2  # times the work of a pass that the next one takes, about
 _TOLERANCE = 0.1  # of what the ceiling is worth: states are split that are so near to the best
 
@@ -97,7 +99,31 @@ def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], 
     is_closed = proof.bound >= proof.walk.value - gap_at(proof.walk.value)
     if is_closed or effort.is_over or proof.depth == 1:  # pairs of choices are too many already
         return answer
-    return _refine_states(problem, proof, gap_at, effort)
+    answer = _refine_states(problem, proof, gap_at, effort)
+    is_near = answer.walk is None or answer.bound >= answer.walk.value - _FAR * abs(answer.walk.value)
+    is_free = not problem.options.is_linked and not len(problem.limits)
+    return _join_all(problem, answer, gap_at, effort) if is_free and not is_near and not effort.is_over else answer
+
+
+def _join_all(problem: PosteriorProblem, answer: Answer, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
+    """Return the better of a bound and one pass whose states cut across windows: better where memory is long against a segment."""
+    walk = answer.walk
+    if walk is None:
+        return answer
+    layers = single_layers(problem)
+    chain, slopes = build_chain(problem, layers, np.zeros((1, 0))), cost_slopes(problem, walk)
+    steps = sum(len(layer.node) for layer in layers)
+    held = MAX_ENTRIES // (len(problem.P0) ** 2 * max(len(layer.node) for layer in layers))
+    width = min(_MAX_JOINED, effort.max_simulated // steps, held)
+    if width < 1:
+        return answer
+    limit, tolerance = walk.value - gap_at(walk.value), _TOLERANCE * _worth(problem, walk, slopes)
+    result = refine(problem, relaxation_of_ceilings(chain), slopes, limit, width, tolerance)
+    bound = limit if result.relaxation is None else result.relaxation.bound
+    if result.nodes is not None:
+        walk = better_walk(problem, walk, result.nodes)
+    by = f"partial schedules in {width} states after each segment, whatever came last" if bound > answer.bound else answer.bound_by
+    return Answer(walk, min(max(bound, answer.bound), walk.value), by)
 
 
 def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
