@@ -84,7 +84,8 @@ def test_a_meet_is_below_both_and_touches_them(seed: int, n: int, spread: float)
     C = meet(A[None], B[None])[0]
     assert _smallest_eigenvalue(A - C, A + B) >= -1e-13
     assert _smallest_eigenvalue(B - C, A + B) >= -1e-13
-    both = np.linalg.matrix_rank(A - C, tol=1e-6 * np.trace(A)) + np.linalg.matrix_rank(B - C, tol=1e-6 * np.trace(B))
+    size = 1e-6 * np.trace(A + B)
+    both = np.linalg.matrix_rank(A - C, tol=size) + np.linalg.matrix_rank(B - C, tol=size)
     assert both <= n
 
 

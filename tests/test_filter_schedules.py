@@ -172,3 +172,28 @@ def test_nothing_on_with_an_unknown_input_costs_infinitely_much():
     assert schedule.value == pytest.approx((1 / 5 + 5 / 4) / 6, rel=1e-9)
     assert schedule.status is od.Status.OPTIMAL
     assert {other.name: other.value for other in schedule.compared}["nothing on"] == np.inf
+
+
+def test_a_rule_may_forbid_that_nothing_is_on():
+    """Where the empty pattern is no pattern of the rules, schedules are those of one sensor in each segment."""
+    question = random_instance(0) | {"per_segment": 2, "over": "mean", "criterion": od.TraceInverse()}
+    S = question["active"].shape[1]
+    from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+    class SomethingOn(AbstractRule):
+        def terms(self, segments: Segments) -> Terms:
+            return Terms(sensors=tuple(range(len(segments.names))), admissible=lambda patterns: patterns.any(axis=1))
+
+    free = od.select_for_filter(**question | {"rules": ()}, gap=1e-6)
+    bound = od.select_for_filter(**question | {"rules": (SomethingOn(), od.MinimumDwell(1))}, gap=1e-6)
+    assert bound.chosen.any(axis=1).all()
+    assert bound.chosen.shape[1] == S
+    assert bound.value == pytest.approx(free.value, rel=1e-6)  # information never costs
+
+
+def test_no_schedule_that_is_compared_and_keeps_the_rules_is_better():
+    """Greedy ones and the best of a hundred random ones are beginnings of the search, so that it is never below them."""
+    for seed in range(20):
+        schedule = od.select_for_filter(**random_instance(seed), gap=0.5, throw=False)
+        kept = [other.value for other in schedule.compared if other.name in {"greedy", "best of random ones", "median of random ones"}]
+        assert all(schedule.value <= value * (1 + 1e-9) + 1e-9 for value in kept if value > 0)

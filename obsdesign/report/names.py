@@ -53,6 +53,7 @@ def gap_in_words(study: Study) -> str:
     return percent(gap) if has_relative_gap(study) else numeral(gap)
 
 
+_OTHER_COST = "what the scenario's criterion makes of the filter's covariance"
 _COSTS = {
     "trace_inverse": "the sum of the variances of the filter's errors",
     "min_eigenvalue": "the variance of the filter's error in the combination of states known least",
@@ -65,7 +66,7 @@ def minimised_in_words(scenario: Scenario) -> str:
     """Return what a schedule for the filter minimises."""
     about, over = scenario.design.about, scenario.selection.over
     when = _INSTANTS[over] if isinstance(over, str) else "weighted over the way"
-    return f"{_COSTS[scenario.filter_criterion_kind]}{' in ' + ', '.join(about) if about else ''}, {when}"
+    return f"{_COSTS.get(scenario.filter_criterion_kind, _OTHER_COST)}{' in ' + ', '.join(about) if about else ''}, {when}"
 
 
 def asked_gap(study: Study) -> str:

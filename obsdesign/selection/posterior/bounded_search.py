@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
 
@@ -43,13 +43,17 @@ class Answer:
     bound_by: str
 
 
-def search(problem: PosteriorProblem, gap: float, is_relative: bool, time_limit: float | None = None) -> Answer:
+def search(
+    problem: PosteriorProblem, gap: float, is_relative: bool, time_limit: float | None = None, starts: Sequence[np.ndarray] = ()
+) -> Answer:
     """Return the schedule and bound of a problem.
 
-    gap: how near they are wanted, as a share of the cost where is_relative; time_limit [s]: from when on only what is begun is finished.
+    gap: how near they are wanted, as a share of the cost where is_relative; time_limit [s]: from when on only what is begun is finished;
+    starts: walks (K,) that keep the limits, beside those of trellises.
     """
     deadline = monotonic() + time_limit if time_limit is not None else np.inf
-    walk = first_walk(problem)
+    walks = [walk for walk in (first_walk(problem), *map(problem.walk, starts)) if walk is not None]
+    walk = min(walks, key=lambda walk: walk.value, default=None)
     if walk is None:
         return Answer(None, np.inf, "no schedule keeps the limits")
 

@@ -26,6 +26,7 @@ from obsdesign.selection.posterior.lost_sensors import answer_without, best_for_
 from obsdesign.selection.posterior.options import Options, build_options, switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
+from obsdesign.selection.posterior.rival_walks import rival_walks
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
@@ -106,9 +107,10 @@ def select_for_filter(
     problem = problem_of(question, options)
     sets = [question] if not robust_to else questions_without(question, robust_to)
     solve = solve_question if not robust_to else partial(solve_for_losses, sets)
-    schedule = solve(question, problem, gap=gap, time_limit=time_limit)
+    rivals = rival_walks(problem, seed)
+    schedule = solve(question, problem, gap=gap, time_limit=time_limit, starts=[nodes for _, nodes in rivals])
     if schedule.status.has_answer:
-        compared = compare_schedules(question, problem, per_segment, seed)
+        compared = compare_schedules(question, problem, per_segment, rivals)
         if robust_to:
             compared = tuple(replace(other, value=_worst_cost(sets, options, other.chosen)) for other in compared)
         schedule = replace(schedule, compared=compared)
@@ -118,9 +120,12 @@ def select_for_filter(
     return schedule
 
 
-def solve_question(question: FilterQuestion, problem: PosteriorProblem, *, gap: float, time_limit: float | None) -> FilterSchedule:
-    """Return the schedule for a checked question and its problem, compared with nothing."""
-    answer = search(problem, max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN), question.costs.criterion.gap_kind == "relative", time_limit)
+def solve_question(
+    question: FilterQuestion, problem: PosteriorProblem, *, gap: float, time_limit: float | None, starts: Sequence[np.ndarray] = ()
+) -> FilterSchedule:
+    """Return the schedule for a checked question and its problem, compared with nothing; starts: walks (K,) to be no worse than."""
+    is_relative = question.costs.criterion.gap_kind == "relative"
+    answer = search(problem, max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN), is_relative, time_limit, starts)
     if answer.walk is None:
         names, boundaries = question.system.model.sensor_names, question.path.t[question.nodes]
         return failed_schedule(
@@ -131,7 +136,13 @@ def solve_question(question: FilterQuestion, problem: PosteriorProblem, *, gap: 
 
 
 def solve_for_losses(
-    sets: list[FilterQuestion], question: FilterQuestion, problem: PosteriorProblem, *, gap: float, time_limit: float | None
+    sets: list[FilterQuestion],
+    question: FilterQuestion,
+    problem: PosteriorProblem,
+    *,
+    gap: float,
+    time_limit: float | None,
+    starts: Sequence[np.ndarray],
 ) -> FilterSchedule:
     """Return the schedule for the worst of the questions without a set of sensors, compared with nothing."""
     share = None if time_limit is None else time_limit / len(sets)
@@ -139,7 +150,7 @@ def solve_for_losses(
     lost_sets = [answer_without(part, problem_of(part, problem.options), accuracy, share) for part in sets]
     nodes = best_for_all(lost_sets)
     if nodes is None:
-        return solve_question(question, problem, gap=gap, time_limit=time_limit)
+        return solve_question(question, problem, gap=gap, time_limit=time_limit, starts=starts)
     records = [certify(lost.question, lost.problem, lost.problem.walk(nodes), lost.answer, gap=gap) for lost in lost_sets]
     worst, bound = max(records, key=lambda record: record.value), max(record.bound for record in records)
     is_relative = question.costs.criterion.gap_kind == "relative"

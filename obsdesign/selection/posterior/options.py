@@ -109,12 +109,12 @@ def build_options(
 def _options_of(
     chain: DwellChain, switching: np.ndarray, resources: tuple[Resource, ...], answers: np.ndarray | None, on_before: np.ndarray | None
 ) -> Options:
-    states, patterns, transitions = chain.states, chain.patterns, chain.transitions
-    A = len(states)
-    pattern_of_node = _index_of_rows(states >= 0, patterns)
-    follows = np.zeros((A, A + 1), dtype=bool)
-    follows[np.arange(A)[:, None], transitions] = True
-    follows = follows[:, :A]
+    patterns, transitions, count = chain.patterns, chain.transitions, len(chain.states)
+    follows = np.zeros((count, count + 1), dtype=bool)
+    follows[np.arange(count)[:, None], transitions] = True
+    pattern_of_node = _index_of_rows(chain.states >= 0, patterns)
+    nodes = np.flatnonzero(pattern_of_node >= 0)  # nothing on may be no pattern of the rules
+    states, pattern_of_node, follows = chain.states[nodes], pattern_of_node[nodes], follows[np.ix_(nodes, nodes)]
     is_on, before = states >= 0, np.zeros(states.shape[1], dtype=bool) if on_before is None else on_before
     switch_ons = ~np.vstack([is_on, before])[:, None, :] & is_on[None]
     may_start = (np.where(before, 0, chain.dwell - 1) == states).astype(bool) | ~is_on  # what was on before has been on for long enough
@@ -127,8 +127,9 @@ def _options_of(
 
 
 def _index_of_rows(rows: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Return the place of each of some rows in a table, -1 for those that it does not have."""
     index = {row.tobytes(): i for i, row in enumerate(table)}
-    return np.array([index[row.tobytes()] for row in np.ascontiguousarray(rows)])
+    return np.array([index.get(row.tobytes(), -1) for row in np.ascontiguousarray(rows)])
 
 
 def _undominated(patterns: np.ndarray, allowed: np.ndarray, answers: np.ndarray) -> np.ndarray:

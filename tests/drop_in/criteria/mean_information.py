@@ -35,6 +35,13 @@ class MeanInformation(AbstractCriterion):
     def value_from_root(self, R: np.ndarray) -> np.ndarray:
         return np.sum(np.linalg.inv(R) ** 2, axis=(-2, -1)) / R.shape[-1]
 
+    def covariance_cost(self, P: np.ndarray) -> np.ndarray:
+        return P.shape[-1] / np.trace(np.linalg.inv(P), axis1=-2, axis2=-1)
+
+    @property
+    def is_trace_of_covariance(self) -> bool:
+        return False
+
     def slope(self, W: np.ndarray) -> np.ndarray:
         return np.eye(len(W)) / len(W)
 
