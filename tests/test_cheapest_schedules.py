@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 import pytest
 from all_schedules import SmallProblem, keeps_dwell, random_problem, switch_ons
@@ -170,3 +171,21 @@ def test_questions_that_do_not_fit_are_refused_by_name() -> None:
     ):
         with pytest.raises(od.InputError, match=message):
             od.cheapest_schedule(**{**given, "require": od.Requirement(("p",), 2.0), **wrong})
+
+
+@pytest.mark.parametrize("slack", [1e-8, 1e-7])
+@pytest.mark.parametrize(("name", "state"), [("p", 0), ("v", 1)])
+def test_what_one_schedule_keeps_with_an_unknown_input_is_not_called_impossible(name: str, state: int, slack: float) -> None:
+    """The limit is what the only admissible schedule reaches, and a little: a variance in place of an infinite one is no proof."""
+    x = ca.SX.sym("x", 2)
+    outputs = {"y": x[0], "z": x[0] + 0.3 * x[1]}
+    system = od.ControlAffineSystem(x, ("p", "v"), drift=ca.vertcat(x[1], 0), unknown={"w": ca.vertcat(0, 1)}, outputs=outputs)
+    path, prior = od.simulate(system, [0.0, 1.0], np.zeros((20, 0)), 1.0), od.Prior([0, 1.0], [3.0, 2.0])
+    active = np.column_stack([np.ones(20), np.zeros(20)])
+    J = od.posterior_information(system, path, prior, (0.1, 0.1), unknown_inputs=("w",), active=active)
+    limit = float(od.standard_deviations(J)[1:20, state].max()) * (1 + slack)
+    required, rules = od.Requirement((name,), limit), (od.Unavailable("z", tuple(range(10))),)
+    cheapest = od.cheapest_schedule(
+        system, path, prior, required, segment=2.0, disturbance_psd=(0.1, 0.1), unknown_inputs=("w",), rules=rules, throw=False
+    )
+    assert cheapest.status is not od.Status.INFEASIBLE

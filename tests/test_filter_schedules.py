@@ -197,3 +197,69 @@ def test_no_schedule_that_is_compared_and_keeps_the_rules_is_better():
         schedule = od.select_for_filter(**random_instance(seed), gap=0.5, throw=False)
         kept = [other.value for other in schedule.compared if other.name in {"greedy", "best of random ones", "median of random ones"}]
         assert all(schedule.value <= value * (1 + 1e-9) + 1e-9 for value in kept if value > 0)
+
+
+@pytest.mark.parametrize(("std", "sigma"), [(1.0, 1e-6), (1e3, 1e-3), (1e3, 1e-5), (1e3, 1e-6), (1e6, 1e-5)])
+def test_a_log_det_is_right_where_its_covariance_is_all_but_singular(std: float, sigma: float) -> None:
+    """Two static states and one sample of both: det P = det P_0 sigma^2 / (sigma^2 + c P_0 c'), to eps times the condition of a root."""
+    x = ca.SX.sym("x", 2)
+    system = od.ControlAffineSystem(x, ("a", "b"), drift=ca.SX.zeros(2), outputs={"y": 0.7 * x[0] + 0.2 * x[1]}, sigmas={"y": sigma})
+    path = od.simulate(system, np.zeros(2), np.zeros((1, 0)), 1.0)
+    schedule = od.select_for_filter(system, path, od.Prior(np.zeros(2), std=(std, 2 * std)), segment=1.0, criterion=od.LogDet())
+    spread = 0.49 * std**2 + 0.04 * 4 * std**2
+    right = np.log(4 * std**4) + np.log(sigma**2) - np.log(sigma**2 + spread)
+    assert schedule.value == pytest.approx(right, abs=1e-9 + 16 * np.finfo(float).eps * std / sigma)
+    assert schedule.bound <= right + 1e-9
+
+
+def test_noise_of_one_direction_in_units_far_apart_is_what_it_is_in_others() -> None:
+    """psd = g g' with states in units of 1e12 and 1e-6: deviations in these units are those in ordinary ones."""
+    g, A = np.array([0.3, 1.0, 0.7]), np.array([[-0.2, 1.0, 0.0], [0.0, -0.1, 0.5], [0.3, 0.0, -0.4]])
+    predicted = []
+    for unit in (np.ones(3), np.array([2.0**-40, 2.0**-40, 2.0**20])):
+        x = ca.SX.sym("x", 3)
+        drift = ca.DM(unit[:, None] * A / unit) @ x
+        system = od.ControlAffineSystem(x, ("a", "b", "c"), drift=drift, outputs={"y": x[0] / unit[0], "z": x[2] / unit[2]})
+        path = od.simulate(system, np.zeros(3), np.zeros((6, 0)), 0.5)
+        prior = od.Prior(np.zeros(3), std=unit * (2.0, 1.0, 3.0))
+        schedule = od.select_for_filter(system, path, prior, 2, segment=1.5, disturbance_psd=np.outer(unit * g, unit * g), scale=unit)
+        predicted.append(schedule.predicted / unit)
+    np.testing.assert_allclose(predicted[1], predicted[0], rtol=1e-9)
+
+
+def test_limits_that_no_walk_was_met_to_keep_are_not_called_impossible() -> None:
+    """Two budgets kept only by one sensor first and two others in equal parts later: choices one by one run into a dead end."""
+    from obsdesign.rules.abstract import AbstractRule, Segments, Terms
+
+    class OneOn(AbstractRule):
+        def terms(self, segments: Segments) -> Terms:
+            return Terms(admissible=lambda patterns: patterns.any(axis=1))
+
+    first, last, more = 14, 6, 0.0005
+    x = ca.SX.sym("x", 2)
+    outputs = {"X": 10 * x[0], "Y": x[0], "A": x[0] * 1.0, "B": x[0] * 1.0}
+    system = od.ControlAffineSystem(x, ("s0", "s1"), drift=ca.vertcat(x[1], -0.1 * x[0]), outputs=outputs)
+    path = od.simulate(system, np.array([0.0, 1.0]), np.zeros((first + last, 0)), 1.0)
+    begin, end = tuple(range(first)), tuple(range(first, first + last))
+    limit = first / 2 + last / 2 + 1e-6
+    rules = (
+        OneOn(),
+        *(od.Unavailable(name, end) for name in "XY"),
+        *(od.Unavailable(name, begin) for name in "AB"),
+        od.EnergyBudget(limit, cost={"X": 0.5 + more, "Y": 0.5, "A": 1.0, "B": 0.0}),
+        od.EnergyBudget(limit, cost={"X": 0.5 + more, "Y": 0.5, "A": 0.0, "B": 1.0}),
+    )
+    prior = od.Prior([0.0, 1.0], [3.0, 2.0])
+    for over in ("worst", "mean"):
+        schedule = od.select_for_filter(system, path, prior, segment=1.0, disturbance_psd=(0.1, 0.1), rules=rules, over=over, throw=False)
+        assert schedule.status is not od.Status.INFEASIBLE
+
+
+def test_a_sensor_that_never_answers_is_in_no_schedule_for_the_start() -> None:
+    x = ca.SX.sym("x", 1)
+    system = od.ControlAffineSystem(x, ("a",), drift=-0.1 * x, outputs={"y": 10 * x, "z": x})
+    path = od.simulate(system, np.zeros(1), np.zeros((10, 0)), 1.0)
+    active = np.column_stack([np.zeros(10), np.ones(10)])
+    schedule = od.select_for_filter(system, path, od.Prior([0.0], [3.0]), segment=1.0, disturbance_psd=(0.1,), active=active)
+    rivals = {other.name: other.value for other in schedule.compared}
+    assert rivals["the schedule for the start"] == pytest.approx(rivals["z always"], rel=1e-12)

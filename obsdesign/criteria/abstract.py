@@ -61,6 +61,10 @@ class AbstractCriterion(ABC):
     def covariance_cost(self, P: np.ndarray) -> np.ndarray:
         """Return what covariances P (..., n, n) cost (...): smaller is better, and less where P is smaller in Loewner's order."""
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return what P = B B' costs (...), B (..., n, m), m >= n."""
+        return self.covariance_cost(B @ B.swapaxes(-1, -2))
+
     @property
     @abstractmethod
     def is_trace_of_covariance(self) -> bool:

@@ -53,6 +53,10 @@ class LogDet(AbstractCriterion):
         """Return log det P."""
         return np.linalg.slogdet(P)[1]
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return 2 log |det R|, R the triangular factor of B': its square has only half as many digits."""
+        return -self.value_from_root(np.linalg.qr(B.swapaxes(-1, -2)).R)
+
     @property
     def is_trace_of_covariance(self) -> bool:
         """False: it is log det P."""

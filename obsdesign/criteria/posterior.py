@@ -88,6 +88,10 @@ class Posterior(AbstractCriterion):
         """Return the criterion's cost."""
         return self.criterion.covariance_cost(P)
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return the criterion's cost."""
+        return self.criterion.covariance_cost_of_root(B)
+
     @property
     def is_trace_of_covariance(self) -> bool:
         """Whether the criterion's cost is tr P."""

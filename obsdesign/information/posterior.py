@@ -158,15 +158,18 @@ def noise_factor(disturbance_psd: ArrayLike | None, n: int, step: float) -> np.n
     if not np.isfinite(psd).all():
         index = np.argwhere(~np.isfinite(psd))[0]
         raise InputError(f"disturbance_psd[{', '.join(map(str, index))}] is {psd[tuple(index)]}: must be finite")
-    psd = np.diag(psd) if psd.ndim == 1 else psd
+    is_matrix = psd.ndim == 2
+    psd = psd if is_matrix else np.diag(psd)
     skew = np.abs(psd - psd.T).max(initial=0.0)
     if skew > 1e-9 * np.abs(psd).max(initial=0.0):
         raise InputError(f"disturbance_psd differs from its transpose by {skew:.3g}: must be symmetric")
-    values, vectors = np.linalg.eigh(psd)
+    unit = np.sqrt(np.maximum(np.diag(psd), 0.0)) if is_matrix else np.ones(n)  # units of states may be far apart
+    unit = np.where(unit > 0, unit, 1.0)
+    values, vectors = np.linalg.eigh(psd / unit[:, None] / unit)
     if values[0] < -1e-12 * max(values[-1], 0.0):
         raise InputError(f"disturbance_psd has the eigenvalue {values[0]:g}: must be positive semidefinite")
     is_positive = values > 0
-    return vectors[:, is_positive] * np.sqrt(values[is_positive] * step)
+    return unit[:, None] * vectors[:, is_positive] * np.sqrt(values[is_positive] * step)
 
 
 def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | None) -> np.ndarray:

@@ -121,7 +121,7 @@ def _schedule_for_filter(path: str, answer: FilterPart, title: str) -> Table:
     others = [(name, rated) for name, rated in answer.rated.items() if name != FOR["filter"]]
     rows += [(name + (" (breaks the rules)" if rated.broken else ""), _cost(rated.cost)) for name, rated in others]
     rows += [(name, _cost(value)) for name, value in answer.compared.items() if name in ("best of random ones", "nothing on")]
-    memory = "never" if answer.memory is None else f"after {answer.memory:g} segments"
+    memory = "never" if answer.memory is None else f"after {answer.memory:g} segment{'' if answer.memory == 1 else 's'}"
     notes = [
         f"status: {Status[answer.status].value}; the bound: by {answer.bound_by}",
         f"minimised: {answer.minimised}, with process noise and prior",

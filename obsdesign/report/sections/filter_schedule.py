@@ -9,7 +9,7 @@ import numpy as np
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.names import filter_gap, minimised_in_words, path_in_words, schedule_criterion
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, plain, signal_label, typeset
-from obsdesign.report.table import Entry, Table, TableColumn, Toned, finite, tabulate
+from obsdesign.report.table import Entry, Table, TableColumn, Tone, Toned, finite, tabulate
 from obsdesign.status import Status
 from obsdesign.study.rated_schedules import ALL_ON, FOR, FilterAnswer
 from obsdesign.study.record import CHOSEN, Study
@@ -67,14 +67,15 @@ def questions_table(study: Study, answer: FilterAnswer) -> Table:
     """Each schedule under both questions, with the errors of the filter that ran with it."""
     name, schedule, signals = schedule_criterion(study), answer.schedule, facts.states_of(study)
     errors = _errors_on_the_way(study)
-    ours = FOR[study.selection.question]
 
     def row(label: str, chosen_label: str, cost: float, information: float) -> tuple[Entry, ...]:
         """Return the row of a schedule; where no filter ran with it, without errors."""
         rmse = errors.get(label, np.full(len(signals), math.nan))
-        tone = "good" if label == ours else ""
+        cost_tone: Tone = "good" if label == FOR["filter"] else ""
+        information_tone: Tone = "good" if label == FOR["start"] else ""
         shown = (factor * float(value) for value, factor in zip(rmse, (display_unit(signal)[0] for signal in signals), strict=True))
-        return (chosen_label, Toned(cost, tone), Toned(facts.zero_round_off(study, information), tone), *(shown if errors else ()))
+        known = Toned(facts.zero_round_off(study, information), information_tone)
+        return (chosen_label, Toned(cost, cost_tone), known, *(shown if errors else ()))
 
     bounds = row("", "no schedule is better than", schedule.bound, study.selection.schedule.bound)
     rows = [row(each.name, f"{each.name}{' *' if each.breaks else ''}", each.cost, each.information) for each in answer.rated]

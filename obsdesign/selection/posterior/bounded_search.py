@@ -57,9 +57,18 @@ def search(
     if walk is None:
         return Answer(None, np.inf, "no schedule keeps the limits")
 
+    try:
+        return _search_from(problem, walk, gap, is_relative, deadline)
+    except np.linalg.LinAlgError:  # covariances that overflow, or have lost all digits
+        return Answer(walk, -np.inf, "nothing: covariances along the run are beyond what numbers hold")
+
+
+def _search_from(problem: PosteriorProblem, walk: Walk, gap: float, is_relative: bool, deadline: float) -> Answer:
+    """Return what is reached from a first schedule."""
     lost = _rounding(problem, walk) * abs(walk.value) if is_relative else _rounding_of_log_det(problem, walk)
 
     def gap_at(value: float) -> float:
+        """Return what may stay open at a cost, less what rounding takes."""
         return max(0.0, (gap * abs(value) if is_relative else gap) - lost)
 
     if problem.segments <= _LONG:
@@ -79,7 +88,9 @@ def _rounding(problem: PosteriorProblem, walk: Walk) -> float:
 
 def _rounding_of_log_det(problem: PosteriorProblem, walk: Walk) -> float:
     """Return what rounding may have changed in a log det: that in units of the smallest eigenvalue of covariances of unit diagonal."""
-    deviation = np.sqrt(np.diagonal(walk.covariances, axis1=1, axis2=2))
+    deviation = np.sqrt(np.maximum(np.diagonal(walk.covariances, axis1=1, axis2=2), 0.0))
+    if not (np.isfinite(walk.covariances).all() and (deviation > 0).all()):
+        return float("inf")
     smallest = np.linalg.eigvalsh(walk.covariances / deviation[:, :, None] / deviation[:, None, :])[:, 0].min()
     return _rounding(problem, walk) * max(1.0, abs(walk.value)) + _ROUNDING * len(problem.P0) / max(float(smallest), _ROUNDING)
 
@@ -88,6 +99,7 @@ def _search_blocks(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[floa
     """Return what blocks come to."""
 
     def bound_of(part: PosteriorProblem, own: Walk) -> tuple[Walk, float]:
+        """Return the best schedule of a block and the bound on all."""
         share = part.segments / problem.segments
         answer = prove_best(part, own, lambda _: _OF_BLOCKS * share * gap_at(walk.value), effort)
         return answer.walk or own, answer.bound

@@ -166,18 +166,16 @@ def purchase_problem(
 ) -> PosteriorProblem:
     """Return the problem of cost (S,) per segment on and limits of how often requirements may fail."""
     model = question.linear_model
-    maps = segment_maps(model, question.nodes, options.patterns, tuple(requirement.costs for requirement in required))
+    maps = segment_maps(
+        model, question.nodes, options.patterns, tuple(requirement.costs(10 * question.unknown_error) for requirement in required)
+    )
     on_costs = np.repeat((options.patterns[options.pattern_of_node] @ cost)[None], options.segments, axis=0)
     limits = np.array([float(requirement.misses) for requirement in required])
     return PosteriorProblem(maps, options, model.initial_covariance, is_worst=False, purchase=Purchase(on_costs, limits))
 
 
-def _predicted(question: FilterQuestion, chosen: np.ndarray) -> np.ndarray:
-    return question.deviations(chosen)
-
-
 def _holds(question: FilterQuestion, required: tuple[RequiredKnowledge, ...], chosen: np.ndarray) -> bool:
-    predicted = _predicted(question, chosen)
+    predicted = question.deviations(chosen)
     return all(requirement.holds(predicted) for requirement in required)
 
 
@@ -187,7 +185,7 @@ def _times(question: FilterQuestion) -> np.ndarray:
 
 def _impossible_with_all_on(question: FilterQuestion, required: tuple[RequiredKnowledge, ...]) -> str:
     """Return which requirements fail with every sensor on, in words; empty where all hold. More samples never make a variance larger."""
-    predicted = _predicted(question, np.ones_like(question.answers))
+    predicted = question.deviations(np.ones_like(question.answers))
     failing = [requirement.excess(predicted, _times(question)) for requirement in required if not requirement.holds(predicted)]
     return f"impossible: with all on, {'; '.join(failing)}" if failing else ""
 
@@ -218,7 +216,7 @@ def _certify(question: FilterQuestion, problem: PosteriorProblem, walk: Walk, an
         walk.value,
         bound,
         remaining,
-        _predicted(question, chosen),
+        question.deviations(chosen),
         Status.OPTIMAL if remaining <= max(gap, _EXACT) else Status.GAP_OPEN,
         f"windows of {answer.depth} segments",
         worth.memory,

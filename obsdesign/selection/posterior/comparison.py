@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -44,9 +45,10 @@ def _cost(question: FilterQuestion, problem: PosteriorProblem, chosen: np.ndarra
 def _for_the_start(question: FilterQuestion, per_segment: int) -> list[tuple[str, np.ndarray]]:
     """Return the schedule that tells most about the start of the path, without process noise and prior; empty without an answer."""
     information = variational_gramian(question.system, question.path)
+    information = replace(information, blocks=information.blocks * (question.arrivals > 0)[:, :, None, None])
     scale = np.ones(question.path.x.shape[1])
     scale[question.costs.about] = question.costs.scale
-    blocks = information.by_stretch(question.nodes[:-1]) * scale[:, None] * scale
+    blocks = information.by_stretch(question.nodes[:-1]) * scale[:, None] * scale * question.answers[:, :, None, None]
     schedule = select_sensors(
         blocks, per_segment, criterion=MinEigenvalue(), about=question.costs.about.tolist(), method="columns", gap=1e-3, throw=False
     )

@@ -25,11 +25,14 @@ def certify(
     *,
     gap: float,
 ) -> FilterSchedule:
-    """Return the record of an answer, its value recomputed by `posterior_information`, or with floors by a Kalman filter."""
+    """Return the record of an answer, its value from roots of the information, with floors by a Kalman filter with the search's model."""
     chosen = problem.options.chosen(walk.nodes)
     value = question.schedule_cost(chosen) + problem.switching(walk.nodes)
-    bound = _bound(answer.bound, value, walk.value, question.unknown_error)
     is_relative = question.costs.criterion.gap_kind == "relative"
+    # a log det changes by the sum of the relative changes of its eigenvalues
+    unknown_error = question.unknown_error * (abs(walk.value) if is_relative else len(question.costs.about))
+    bound = _bound(answer.bound, value, walk.value, unknown_error)
+    bound = max(bound, 0.0) if is_relative else bound  # variances are not below 0
     remaining = (1 - bound / value if value else 0.0) if is_relative else value - bound
     worth = sensor_prices(question, problem, walk)
     return FilterSchedule(
@@ -64,11 +67,12 @@ def _bound(bound: float, value: float, searched_value: float, unknown_error: flo
     """Return a bound less what rounding may have added to it.
 
     That is 1e-9 of the value, and ten times what the search takes the schedule to cost above what it does. With unknown inputs the
-    search takes it to cost less, and what rounding did does not show: ten times the share by which trial schedules were off.
+    search takes it to cost less, and what rounding did does not show: ten times what trial schedules were off by.
     """
     difference = searched_value - value if np.isfinite(value) else 0.0
-    error = max(0.0, difference, unknown_error * abs(searched_value))
-    return min(bound - ROUNDING_MARGIN * abs(searched_value) - 10 * error, value)
+    error = max(0.0, difference, unknown_error)
+    lowered = bound - ROUNDING_MARGIN * abs(searched_value) - 10 * error
+    return -np.inf if np.isnan(lowered) else min(lowered, value)
 
 
 def failed_schedule(

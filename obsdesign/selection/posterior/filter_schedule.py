@@ -73,7 +73,7 @@ class FilterSchedule(AbstractDisplay):
         rows = [
             ("cost (smaller is better)", number(self.value)),
             ("no schedule is below", f"{number(self.bound)} (gap {number(self.gap)}, by {self.bound_by})"),
-            ("half of a choice is forgotten after", f"{number(self.memory)} segments"),
+            ("half of a choice is forgotten after", f"{number(self.memory)} segment{'' if self.memory == 1 else 's'}"),
         ]
         rows += [(name, marks) for name, marks in zip(self.sensors, raster_text(self.chosen), strict=True)]
         rows += [(other.name, number(other.value)) for other in self.compared]

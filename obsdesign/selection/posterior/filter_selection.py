@@ -113,7 +113,8 @@ def select_for_filter(
         compared = compare_schedules(question, problem, per_segment, rivals)
         if robust_to:
             compared = tuple(replace(other, value=_worst_cost(sets, options, other.chosen)) for other in compared)
-        schedule = replace(schedule, compared=compared)
+        notes = (*schedule.notes, *floor_notes(question, options, schedule)) if question.floors.any() else schedule.notes
+        schedule = replace(schedule, compared=compared, notes=notes)
         return schedule if on is None else with_flown(question, problem, schedule, on)
     if throw:
         raise SolveError("sensor selection for the filter", schedule.status)
@@ -128,11 +129,12 @@ def solve_question(
     answer = search(problem, max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN), is_relative, time_limit, starts)
     if answer.walk is None:
         names, boundaries = question.system.model.sensor_names, question.path.t[question.nodes]
-        return failed_schedule(
-            names, boundaries, question.path.steps, question.path.x.shape[1], Status.INFEASIBLE, "no schedule keeps the rules"
-        )
-    schedule = certify(question, problem, answer.walk, answer, gap=gap)
-    return replace(schedule, notes=floor_notes(question, problem.options, schedule)) if question.floors.any() else schedule
+        # one limit: what is still needed after each choice is known exactly, so that some walk would have been met
+        is_proven = len(problem.limits) <= 1
+        status = Status.INFEASIBLE if is_proven else Status.LOCALLY_INFEASIBLE
+        reason = "no schedule keeps the rules" if is_proven else "no schedule was met that keeps all limits together; there may be one"
+        return failed_schedule(names, boundaries, question.path.steps, question.path.x.shape[1], status, reason)
+    return certify(question, problem, answer.walk, answer, gap=gap)
 
 
 def solve_for_losses(

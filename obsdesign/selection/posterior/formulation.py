@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from obsdesign.selection.posterior.bounded_search import first_walk
 from obsdesign.selection.posterior.options import Options
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import UNKNOWN_SPREADS, FilterQuestion
@@ -22,24 +23,29 @@ def problem_of(question: FilterQuestion, options: Options) -> PosteriorProblem:
 
 
 def settle_unknown_inputs(question: FilterQuestion, options: Options) -> FilterQuestion:
-    """Return the question with that variance of unknown inputs with which schedules cost most nearly what they do in truth.
+    """Return the question with that variance of unknown inputs with which the filter's variances are most nearly what they are in truth.
 
-    With a finite variance every schedule costs less than in truth, by a share that falls with the variance; what rounding adds grows
-    with it. Judged by the worst of a few schedules, as a share of their costs, so that no chance agreement counts.
+    With a finite variance all of them are smaller than in truth, by a share that falls with it; what rounding does grows with it. Judged
+    by the largest relative error at any instant that counts, of a few schedules and a good one, without floors.
     """
     if not question.disturbance.unknown:
         return question
-    trials = _trial_walks(options)
-    exact = np.array([question.schedule_cost(options.chosen(nodes)) for nodes in trials])
-    is_finite = np.isfinite(exact) & (exact != 0)
-    candidates = [replace(question, unknown_spread=spread) for spread in UNKNOWN_SPREADS]
-    errors = []
-    for candidate in candidates:
-        problem = problem_of(candidate, options)
-        costs = np.array([problem.walk(nodes).value - problem.switching(nodes) for nodes in trials])
-        errors.append(float(np.abs(costs[is_finite] / exact[is_finite] - 1).max(initial=0.0)))
+    plain = replace(question, floors=np.zeros_like(question.floors))
+    walk = first_walk(problem_of(plain, options))
+    trials = [options.chosen(nodes) for nodes in (*_trial_walks(options), *([] if walk is None else [walk.nodes]))]
+    exact = [plain.deviations(chosen)[question.costs.weights > 0][:, question.costs.about] ** 2 for chosen in trials]
+    candidates = [replace(plain, unknown_spread=spread) for spread in UNKNOWN_SPREADS]
+    errors = [max(_variance_error(candidate, *trial) for trial in zip(trials, exact, strict=True)) for candidate in candidates]
     best = int(np.argmin(errors))
-    return replace(candidates[best], unknown_error=errors[best])
+    return replace(question, unknown_spread=UNKNOWN_SPREADS[best], unknown_error=errors[best])
+
+
+def _variance_error(question: FilterQuestion, chosen: np.ndarray, exact: np.ndarray) -> float:
+    """Return the largest relative error of the model's variances of a schedule (K, S), of those that are finite in truth (k, q)."""
+    covariances = question.linear_model.covariances(question.active(chosen))[question.costs.weights > 0]
+    variances = np.diagonal(covariances, axis1=1, axis2=2)[:, question.costs.about]
+    is_finite = np.isfinite(exact)
+    return float(np.abs(variances[is_finite] / exact[is_finite] - 1).max(initial=0.0))
 
 
 def _trial_walks(options: Options) -> np.ndarray:

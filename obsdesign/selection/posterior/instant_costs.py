@@ -15,6 +15,10 @@ class CovarianceCost(Protocol):
         """Return what covariances P (..., n, n) cost (...): no less where P is larger in Loewner's order."""
         ...
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return what P = B B' costs (...), B (..., n, m)."""
+        ...
+
     @property
     def is_trace_of_covariance(self) -> bool:
         """Whether that cost is tr P."""
@@ -35,6 +39,10 @@ class AboveLimit:
     def covariance_cost(self, P: np.ndarray) -> np.ndarray:
         """Return 1 where tr P > limit, else 0 (...)."""
         return (np.trace(P, axis1=-2, axis2=-1) > self.limit).astype(float)
+
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return 1 where the sum of squares of B's entries is above the limit, else 0 (...)."""
+        return (np.sum(B**2, axis=(-2, -1)) > self.limit).astype(float)
 
     @property
     def is_trace_of_covariance(self) -> bool:
@@ -64,6 +72,12 @@ class InstantCosts:
     def is_linear(self) -> bool:
         """Whether the cost is a sum that is linear in each covariance."""
         return self.criterion.is_trace_of_covariance and not self.is_worst
+
+    def value_from_roots(self, roots: np.ndarray) -> float:
+        """Return the cost from roots B (k, n, m), B B' the covariances, of the k instants that have a weight."""
+        block = roots[:, self.about] / self.scale[:, None]
+        costs = self.criterion.covariance_cost_of_root(block)
+        return float(costs.max()) if self.is_worst else float(self.weights[self.weights > 0] @ costs)
 
     def value(self, covariances: np.ndarray) -> float:
         """Return the cost of covariances (N, n, n)."""

@@ -114,5 +114,5 @@ class PosteriorProblem:
 
 
 def previous_nodes(nodes: np.ndarray) -> np.ndarray:
-    """Return the node before each, -1 (nothing on) before the first."""
+    """Return the node before each, -1 (what was on) before the first."""
     return np.concatenate([[-1], nodes[:-1]])

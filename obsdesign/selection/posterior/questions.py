@@ -82,11 +82,6 @@ class FilterQuestion:
         active = self.active(chosen).astype(float)
         return posterior_roots(self.system, self.path, self.prior, self.disturbance, active)[:-1]
 
-    def information(self, chosen: np.ndarray) -> np.ndarray:
-        """Return J (N, n, n) after the samples at t_k of a schedule (K, S)."""
-        roots = self.roots(chosen)
-        return roots.swapaxes(1, 2) @ roots
-
     def deviations(self, chosen: np.ndarray) -> np.ndarray:
         """Return the standard deviations (N, n) after the samples at t_k of a schedule (K, S); inf for what is hidden."""
         return deviations_of_roots(self.roots(chosen))
@@ -98,14 +93,10 @@ class FilterQuestion:
         """
         if self.floors.any():  # posterior_information has none
             return self.costs.value(self.linear_model.covariances(self.active(chosen)))
-        is_counted = self.costs.weights > 0
-        roots = self.roots(chosen)
-        counted = roots[is_counted]
+        counted = self.roots(chosen)[self.costs.weights > 0]
         if not np.isfinite(deviations_of_roots(counted)[:, self.costs.about]).all():
             return float("inf")
-        covariances = np.zeros_like(roots)
-        covariances[is_counted] = _covariances(counted)
-        return self.costs.value(covariances)
+        return self.costs.value_from_roots(_inverse_roots(counted))
 
 
 def deviations_of_roots(R: np.ndarray) -> np.ndarray:
@@ -129,11 +120,17 @@ def _column_sizes(R: np.ndarray) -> np.ndarray:
     return np.where(size > 0, size, 1.0)[:, None, :]
 
 
-def _covariances(R: np.ndarray) -> np.ndarray:
-    """Return (R'R)^-1 (N, n, n) from roots, without squaring them first; by the largest entries of columns."""
+def _inverse_roots(R: np.ndarray) -> np.ndarray:
+    """Return R^-1 (N, n, n) of upper triangular roots, the pseudo-inverse where nothing is known along a direction.
+
+    Of columns of size 1: back substitution keeps what is small beside what is large.
+    """
     size = _column_sizes(R)
-    inverse = np.linalg.pinv(R / size, rcond=1e-15) / size.swapaxes(1, 2)
-    return inverse @ inverse.swapaxes(1, 2)
+    scaled, inverse = R / size, np.empty_like(R)
+    is_singular = (np.diagonal(R, axis1=1, axis2=2) == 0).any(axis=1)
+    inverse[~is_singular] = np.linalg.inv(scaled[~is_singular])
+    inverse[is_singular] = np.linalg.pinv(scaled[is_singular], rcond=1e-15)
+    return inverse / size.swapaxes(1, 2)
 
 
 @dataclass(frozen=True, eq=False)

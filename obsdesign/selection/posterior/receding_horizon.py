@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_count, require_known, require_within
+from obsdesign.checks import require_count, require_known, require_positive, require_within
 from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.answering_system import AnsweringSystem
@@ -82,6 +82,8 @@ def select_next(
         answering = AnsweringSystem(system, _answer_shares(system, answer_share))
         require_count("per_segment", per_segment, maximum=len(system.model.channels))
         require_within("gap", gap)
+        if time_limit is not None:
+            require_positive("time_limit", time_limit)
         question = build_question(answering, path, belief, settings)
         sensors_on, sensors_waiting = _mask(system, "on", on), _mask(system, "waiting", waiting)
         options = build_options(tuple(rules), per_segment, question.segments, question.answers, sensors_on | sensors_waiting)

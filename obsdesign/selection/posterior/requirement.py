@@ -67,10 +67,15 @@ class RequiredKnowledge:
         """What the standard deviation may be, with what rounding may add to it."""
         return self.requirement.at_most * (1 + _ROUNDING)
 
-    @property
-    def costs(self) -> InstantCosts:
-        """The count of the instants at which it fails."""
-        return InstantCosts(AboveLimit(self.limit**2), self.places, np.ones(len(self.places)), self.counted.astype(float), is_worst=False)
+    def costs(self, variance_error: float) -> InstantCosts:
+        """Return the count of the instants at which it fails for sure where variances may be off by a share of them."""
+        return InstantCosts(
+            AboveLimit(self.limit**2 * (1 + variance_error)),
+            self.places,
+            np.ones(len(self.places)),
+            self.counted.astype(float),
+            is_worst=False,
+        )
 
     def deviations(self, predicted: np.ndarray) -> np.ndarray:
         """Return the root of the summed variances (N,) of standard deviations (N, n)."""
