@@ -787,6 +787,18 @@ def test_a_criterion_is_its_function_of_the_eigenvalues(kind: str, n: int, seed:
 
 @each("CRITERIA")
 @few
+@given(n=st.integers(1, 6), columns=st.integers(0, 3), seed=seeds)
+def test_a_criterion_costs_a_root_what_it_costs_its_covariance(kind: str, n: int, columns: int, seed: int):
+    """P = B B' with more columns than rows."""
+    B = np.random.default_rng(seed).standard_normal((2, n, n + columns))
+    P = B @ B.swapaxes(-1, -2)
+    for measure in examples("CRITERIA", kind):
+        costs = measure.criterion.covariance_cost(P)
+        np.testing.assert_allclose(measure.criterion.covariance_cost_of_root(B), costs, rtol=1e-9, atol=1e-9 * np.linalg.cond(P).max())
+
+
+@each("CRITERIA")
+@few
 @given(n=st.integers(1, 6), seed=seeds)
 def test_the_slope_of_a_criterion_is_its_derivative(kind: str, n: int, seed: int):
     """Along a random direction, against central differences; and no value lies above the tangent: the criterion is concave."""

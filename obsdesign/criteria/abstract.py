@@ -61,9 +61,9 @@ class AbstractCriterion(ABC):
     def covariance_cost(self, P: np.ndarray) -> np.ndarray:
         """Return what covariances P (..., n, n) cost (...): smaller is better, and less where P is smaller in Loewner's order."""
 
+    @abstractmethod
     def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
-        """Return what P = B B' costs (...), B (..., n, m), m >= n."""
-        return self.covariance_cost(B @ B.swapaxes(-1, -2))
+        """Return what P = B B' costs (...), B (..., n, m), m >= n: with all digits of B, whatever the states' units."""
 
     @property
     @abstractmethod

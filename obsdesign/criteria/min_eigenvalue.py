@@ -51,6 +51,10 @@ class MinEigenvalue(AbstractCriterion):
         """Return the largest eigenvalue, the variance of the direction known least."""
         return np.linalg.eigvalsh(P)[..., -1]
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return the square of the largest singular value."""
+        return np.linalg.norm(B, 2, axis=(-2, -1)) ** 2
+
     @property
     def is_trace_of_covariance(self) -> bool:
         """False: it is the largest eigenvalue."""

@@ -54,6 +54,10 @@ class TraceInverse(AbstractCriterion):
         """Return tr P."""
         return np.trace(P, axis1=-2, axis2=-1)
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        """Return the sum of squares of its entries."""
+        return np.sum(B**2, axis=(-2, -1))
+
     @property
     def is_trace_of_covariance(self) -> bool:
         """True."""

@@ -38,6 +38,9 @@ class MeanInformation(AbstractCriterion):
     def covariance_cost(self, P: np.ndarray) -> np.ndarray:
         return P.shape[-1] / np.trace(np.linalg.inv(P), axis1=-2, axis2=-1)
 
+    def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
+        return self.covariance_cost(B @ B.swapaxes(-1, -2))
+
     @property
     def is_trace_of_covariance(self) -> bool:
         return False
