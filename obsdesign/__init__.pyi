@@ -63,6 +63,10 @@ from .information.posterior import unknown_input_information as unknown_input_in
 from .information.windows import sliding_information as sliding_information
 from .joint.joint_solver import codesign as codesign
 from .joint.result import Joint as Joint
+from .logs.inputs import LogInputs as LogInputs
+from .logs.log import Log as Log
+from .logs.samples import LogSamples as LogSamples
+from .logs.truth import LogTruth as LogTruth
 from .paths.b_spline import BSpline as BSpline
 from .paths.dubins_path import DubinsPath as DubinsPath
 from .paths.piecewise_constant import PiecewiseConstant as PiecewiseConstant

@@ -39,6 +39,7 @@ DESIGN_PROBLEM = od.DesignProblem(**PROBLEM)
 ALONG = {"system": SYSTEM, "path": PATH}
 FROM_START = {"system": SYSTEM, "x0": PATH.x[0], "u": U, "dt": 0.5}
 THREE = od.System(od.Unicycle(), tuple(od.Bearing(place, 0.1) for place in ((2.0, 0.0), (-1.0, 1.7), (-1.0, -1.7))))
+SAMPLES = od.LogSamples(("range",), [0.0, 1.0], [0, 0], [5.0, 6.0])
 SCENARIO = "scenarios/aerosonde_wind.toml"
 
 # every public name that takes arguments of a user, with arguments that it accepts
@@ -98,7 +99,11 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "KeepIn": {"corners": CORNERS},
     "KeepOut": {"centre": BEACON, "radius": 1.0},
     "KeepOutPolygon": {"corners": CORNERS},
+    "Log": {"inputs": None, "samples": SAMPLES},
     "LogDet": {},
+    "LogInputs": {"names": ("turn_rate",), "t": [0.0, 1.0], "u": [[0.1], [0.2]]},
+    "LogSamples": {"names": ("range",), "t": [0.0, 1.0], "sensor": [0, 0], "y": [5.0, 6.0]},
+    "LogTruth": {"names": ("x",), "t": [0.0, 1.0], "x": [[0.0], [1.0]]},
     "Loiter": {"centre": BEACON, "radius": 5.0, "first": 1.0},
     "Magnetometer": {"sigma": 0.1},
     "MaxRange": {"distance": 10.0},
