@@ -327,8 +327,11 @@ time.sleep(60)""",
 def instead_of_check(work: str) -> str:
     """The command with other work to do, which says that it begins."""
     lines = "\n".join(f"    {line}" for line in f"print('began', file=sys.stderr)\n{work}".splitlines())
-    modules = "import obsdesign.cli as cli, obsdesign.interrupts as interrupts"
-    return f"{modules}\ndef work(options):\n{lines}\ncli._check = work\ncli.main(['check', 'scenario.toml'])"
+    modules = (
+        "import dataclasses, obsdesign.interrupts as interrupts\n"
+        "from obsdesign.cli import main\nfrom obsdesign.cli.verb import Outcome\nfrom obsdesign.cli.verbs.check import VERB"
+    )
+    return f"{modules}\ndef work(options):\n{lines}\nmain(['check', 'scenario.toml'], [dataclasses.replace(VERB, action=work)])"
 
 
 @pytest.mark.parametrize("work", SWALLOWED.values(), ids=SWALLOWED.keys())
@@ -336,7 +339,7 @@ def test_ctrl_c_ends_the_command_whatever_swallows_it(work, tmp_path):
     assert interrupted(instead_of_check(work), tmp_path, "began", 0.1) == [SAID]
 
 
-TASKS = "with cli.process_pool(3) as pool:\n    "
+TASKS = "with interrupts.process_pool(3) as pool:\n    "
 POOLS = {
     "long tasks": TASKS + "list(pool.map(time.sleep, [60] * 9))",
     "short tasks": TASKS + "list(pool.map(time.sleep, [0.01] * 20000))",
@@ -355,12 +358,12 @@ def test_ctrl_c_ends_workers_that_start_and_workers_that_work(work, delay, tmp_p
 
 def test_ctrl_c_during_the_last_work_comes_before_files_are_written(tmp_path):
     """Swallowed, but not forgotten."""
-    work = "with cli.process_pool(1):\n    try: time.sleep(60)\n    except KeyboardInterrupt: pass\nprint('files', file=sys.stderr)"
+    work = "with interrupts.process_pool(1):\n    try: time.sleep(60)\n    except KeyboardInterrupt: pass\nprint('files', file=sys.stderr)"
     assert interrupted(instead_of_check(work), tmp_path, "began", 0.1) == [SAID]
 
 
 def test_a_command_in_the_background_ignores_ctrl_c(tmp_path):
-    code = LISTEN + "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + instead_of_check("time.sleep(1)\nreturn cli.ExitCode.DONE")
+    code = LISTEN + "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" + instead_of_check("time.sleep(1)\nreturn Outcome({})")
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr.readline() == "began\n"
         process.send_signal(signal.SIGINT)

@@ -1,0 +1,13 @@
+"""The table of verbs: help, completion, documentation and exit codes follow from it. A verb joins by one row."""
+
+from __future__ import annotations
+
+from obsdesign.cli.verb import Verb
+from obsdesign.cli.verbs import check, run, schema, select
+
+VERBS: tuple[Verb, ...] = (
+    check.VERB,
+    schema.VERB,
+    run.VERB,
+    select.VERB,
+)

@@ -1,0 +1,69 @@
+"""`obsdesign run`: the four questions of a scenario, and a page."""
+
+from __future__ import annotations
+
+import os
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from obsdesign.cli.folders import require_writable
+from obsdesign.cli.verb import QUIET, SCENARIO, SEED, Argument, Outcome, Verb, out_argument, whole_number_type
+from obsdesign.errors import ExitCode
+from obsdesign.interrupts import process_pool
+
+if TYPE_CHECKING:
+    from obsdesign.report.document import Result
+
+
+def run_scenario(options: Namespace) -> Outcome:
+    """Answer the questions of a scenario and write its report."""
+    from obsdesign.scenario.loading import load_scenario
+
+    scenario = load_scenario(options.scenario)
+    folder = options.out or Path("reports") / options.scenario.stem
+    require_writable(folder)
+
+    from rich.console import Console
+
+    from obsdesign.report.folder import write_report
+    from obsdesign.report.terminal import summary_of
+    from obsdesign.study.runner import run
+
+    errors = Console(stderr=True, highlight=False)
+    silent = options.quiet or not sys.stderr.isatty()
+    with process_pool(options.jobs) as executor:
+        study = run(scenario, options.seed, executor, None if silent else errors.print)
+    result = write_report(folder, study)
+    shown = (summary_of(result), f"\nWritten to {folder}/: open report.html")
+    missed = _missed_expectations(result)
+    return Outcome(result.model_dump(mode="json"), shown, missed, ExitCode.NO if missed else ExitCode.DONE)
+
+
+def _missed_expectations(result: Result) -> tuple[str, ...]:
+    """Return a line for each known truth that the result misses."""
+    return tuple(
+        f"expected {entry.key} = {entry.value} within {entry.tolerance} ({entry.source}): "
+        + ("no such key in result.json" if entry.found is None else f"found {entry.found}")
+        for entry in result.expected
+        if not entry.met
+    )
+
+
+JOBS = Argument(
+    "--jobs",
+    "processes (default: %(default)s); the answer does not depend on it",
+    read=whole_number_type(1),
+    default=os.cpu_count() or 1,
+    variable="NUMBER",
+)
+FILES = "report.html, result.json, trajectory.csv, schedule.csv"
+VERB = Verb(
+    name="run",
+    what="answer the four questions of a scenario and write a page to look at",
+    action=run_scenario,
+    example="run my.toml --out reports/my",
+    arguments=(SCENARIO, out_argument(f"folder for {FILES} (default: reports/NAME)"), SEED, JOBS, QUIET),
+    exits=(ExitCode.DONE, ExitCode.NO, ExitCode.SOLVER_FAILED),
+)

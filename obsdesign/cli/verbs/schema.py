@@ -1,0 +1,27 @@
+"""`obsdesign schema`: the JSON Schemas of what obsdesign reads and writes."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+
+from obsdesign.cli.verb import Argument, Outcome, Verb
+
+
+def schema(options: Namespace) -> Outcome:
+    """Return the JSON Schema of scenarios or of result.json."""
+    if options.document == "scenario":
+        from obsdesign.scenario.schema import Scenario as Document
+    else:
+        from obsdesign.report.document import Result as Document
+    document = Document.model_json_schema()
+    return Outcome(document, (json.dumps(document, indent=1),))
+
+
+VERB = Verb(
+    name="schema",
+    what="print the JSON Schema of scenarios or of result.json",
+    action=schema,
+    example="schema result > result.schema.json",
+    arguments=(Argument("document", "of what", choices=("scenario", "result")),),
+)
