@@ -23,13 +23,13 @@ TOLERANCE = 1e-6  # relative error that steps may have where nobody says another
 @validate_arguments
 @dataclass(frozen=True, eq=False)
 class Trajectory(AbstractDisplay):
-    """A path on a grid of N equal steps, inputs being held over each.
+    """A path of N steps, inputs being held over each: equal ones of a simulation or a design, of any length from a log.
 
-    Raises InputError for shapes that do not fit, values that are not finite and steps that are not equal.
+    Raises InputError for shapes that do not fit, values that are not finite and times that do not increase.
     """
 
     t: np.ndarray
-    """Instants (N+1,) [s], equally spaced."""
+    """Instants (N+1,) [s], increasing."""
     x: np.ndarray
     """States (N+1, n) at these instants, in the units of the states."""
     u: np.ndarray
@@ -58,8 +58,10 @@ class Trajectory(AbstractDisplay):
         if self.w is not None and (self.w.ndim != 2 or len(self.w) != steps):
             raise InputError(f"trajectory: w has shape {self.w.shape}: must be ({steps}, p), a row for each row of u")
         require_positive("trajectory: step", float(self.t[1] - self.t[0]))
-        if np.abs(self.t[1:] - self.t[:-1] - self.step).max() > 1e-6 * self.step:
-            raise InputError("trajectory: t must have equal steps")
+        backwards = np.flatnonzero(np.diff(self.t) <= 0)
+        if len(backwards):
+            k = int(backwards[0]) + 1
+            raise InputError(f"trajectory: t[{k}] is {self.t[k]:.12g} after {self.t[k - 1]:.12g}: times must increase")
 
     @cached_property
     def substeps(self) -> WeakKeyDictionary[object, int]:
@@ -87,7 +89,9 @@ class Trajectory(AbstractDisplay):
         ]
         inputs = [(f"u[{i}]", f"within {number(column.min())} to {number(column.max())}") for i, column in enumerate(self.u.T)]
         picture = state_picture(self.x)
-        title = f"path of {self.steps} steps of {number(self.step, 's')}, from {number(self.t[0], 's')} on"
+        lengths = [number(length, "s") for length in (self.lengths.min(), self.lengths.max())]
+        step = lengths[0] if self.is_even else " to ".join(lengths)
+        title = f"path of {self.steps} steps of {step}, from {number(self.t[0], 's')} on"
         return Summary(title, (*states, *inputs), picture)
 
     def part(self, first: int, last: int) -> Trajectory:
@@ -106,7 +110,30 @@ class Trajectory(AbstractDisplay):
 
     @cached_property
     def step(self) -> float:
-        """Length of one step [s]."""
+        """Length of one step [s]; raises InputError where steps are not equal, to a millionth."""
+        if not self.is_even:
+            lengths = self.lengths
+            raise InputError(f"path: its steps are {lengths.min():.6g} to {lengths.max():.6g} s long: for this they must be equal")
+        return self._mean_step
+
+    @property
+    def pace(self) -> float:
+        """What one step counts: its length [s] where all are equal, else 1, time being counted in steps."""
+        return self._mean_step if self.is_even else 1.0
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Lengths (N,) of the steps [s], the same number for equal ones."""
+        return np.full(self.steps, self._mean_step) if self.is_even else np.diff(self.t)
+
+    @cached_property
+    def is_even(self) -> bool:
+        """Whether all steps are equal, to a millionth of them and the rounding of times."""
+        rounding = 4 * np.finfo(float).eps * float(np.abs(self.t[[0, -1]]).max())
+        return bool(np.abs(np.diff(self.t) - self._mean_step).max() <= max(1e-6 * self._mean_step, min(rounding, 1e-3 * self._mean_step)))
+
+    @cached_property
+    def _mean_step(self) -> float:
         # of the whole span: the difference of two neighbouring times carries their round-off
         return float(f"{float(self.t[-1] - self.t[0]) / (len(self.t) - 1):.12g}")
 

@@ -78,7 +78,8 @@ class Model:
     """xdot = drift + B u + G w, y = h(x), as CasADi expressions of the state symbol x (n, 1).
 
     B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels; u (m, 1), w (p, 1) symbols.
-    joint: groups of channels whose errors are correlated with each other, no channel in two of them.
+    joint: groups of channels whose errors are correlated with each other, no channel in two of them. is_per_step: whether time is
+    counted in steps, the first known input being their length [s]; see `PerStepSystem`.
     """
 
     x: ca.SX
@@ -90,6 +91,7 @@ class Model:
     G: ca.SX
     channels: tuple[Channel, ...]
     joint: tuple[JointNoise, ...] = ()
+    is_per_step: bool = False
     u: ca.SX = field(init=False)
     w: ca.SX = field(init=False)
 
@@ -136,6 +138,13 @@ class Model:
     def landmarks(self) -> tuple[Point, ...]:
         """Distinct points that sensors look at."""
         return tuple(dict.fromkeys(channel.landmark for channel in self.channels if channel.landmark is not None))
+
+    @property
+    def noise_scale(self) -> ca.SX | float:
+        """What multiplies the root of a power spectral density [unit^2/s] of a step: dt^1/2 where time is counted in steps, else 1."""
+        import casadi as ca
+
+        return ca.sqrt(self.u[0]) if self.is_per_step else 1.0
 
     @property
     def outputs_of(self) -> dict[str, tuple[int, ...]]:

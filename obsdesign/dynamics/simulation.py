@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.per_step import scaled_inputs, system_along
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.dynamics.step_comparison import PathBatch
@@ -21,7 +22,7 @@ from obsdesign.trajectory import TOLERANCE, Trajectory, path_of
 
 @validate_arguments
 def simulate(
-    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: float, w: ArrayLike | None = None, *, tolerance: float = TOLERANCE
+    system: AbstractSystem, x0: ArrayLike, u: ArrayLike, dt: ArrayLike, w: ArrayLike | None = None, *, tolerance: float = TOLERANCE
 ) -> Trajectory:
     """Integrate xdot = g0 + f u + g w by RK4 with inputs held over each step.
 
@@ -32,26 +33,41 @@ def simulate(
         system: what moves.
         x0 (n,): initial state, in the units of the states.
         u (N, m): known inputs, in their units.
-        dt: length of a step [s].
+        dt: length of a step [s], or (N,) those of all steps, of which each may be another.
         w (N, p): unknown inputs, in their units, which the path keeps; None = 0.
         tolerance: relative error of the steps, in (0, 1), which the path keeps too.
     Raises InputError for wrong shapes, values that are not finite, and a step too coarse for the dynamics, with one that would do.
     """
-    require_positive("dt", dt)
+    lengths = as_lengths(dt)
     require_tolerance(tolerance)
     start = as_state(system, x0, "x0")
     u_known, w_unknown = as_input_arrays(system, u, w)
-    require_positive("dt times the number of steps", float(dt) * len(u_known))
-    substeps = int(substeps_needed(system, start[None], u_known, dt, w_unknown, tolerance)[0])
-    states = states_from(system, start[None], u_known, dt, w_unknown, substeps=substeps)[0]
+    if lengths.shape not in {(), (len(u_known),)}:
+        raise InputError(f"dt has shape {lengths.shape}: must be one number or ({len(u_known)},), one for each row of u")
+    with np.errstate(over="ignore"):
+        t = np.arange(len(u_known) + 1) * float(lengths) if lengths.ndim == 0 else np.append(0.0, np.cumsum(lengths))
+    require_positive("dt times the number of steps", float(t[-1]))
+    path = path_of(t, np.tile(start, (len(t), 1)), u_known, None if w is None else w_unknown, tolerance)
+    along = system_along(system, path, is_sampling_given=True)
+    u_rows, w_rows = inputs_along(along, path)
+    substeps = int(substeps_needed(along, start[None], u_rows, path.pace, w_rows, tolerance)[0])
+    states = states_from(along, start[None], u_rows, path.pace, w_rows, substeps=substeps)[0]
     if not all_finite(states):
         k, i = np.argwhere(~np.isfinite(states))[0]
         name = system.model.state_names[i]
-        where = f"from step {k} (t = {k * dt:g} s) on"
+        where = f"from step {k} (t = {t[k]:g} s) on"
         raise InputError(f"{name} is {states[k, i]} {where}: the motion runs away, only a shorter path would do")
-    path = path_of(np.arange(len(states)) * dt, states, u_known, None if w is None else w_unknown, tolerance)
-    path.substeps[system.model] = substeps
+    path = path_of(t, states, u_known, path.w, tolerance)
+    path.substeps[along.model] = substeps
     return path
+
+
+def as_lengths(dt: ArrayLike) -> np.ndarray:
+    """Return the lengths () or (N,) of steps [s]; raise InputError unless all are finite numbers above 0."""
+    lengths = as_array("dt", dt)
+    for k, length in enumerate(lengths.ravel().tolist()):
+        require_positive(f"dt[{k}]" if lengths.ndim else "dt", length)
+    return lengths
 
 
 def substeps_needed(
@@ -76,9 +92,9 @@ def substeps_along(system: AbstractSystem, path: Trajectory) -> int:
     """
     model = system.model
     if model not in path.substeps:
-        counts = substeps_from(model, path.x[:1], path.u, path.w, path.step, path.tolerance)
+        counts = substeps_from(model, path.x[:1], *inputs_along(system, path), path.pace, path.tolerance)
         if counts is None:
-            counts = substeps_for(PathBatch(model, path.step, all_inputs_along(system, path), path.x[None, :-1]), path.tolerance)
+            counts = substeps_for(PathBatch(model, path.pace, all_inputs_along(system, path), path.x[None, :-1]), path.tolerance)
         path.substeps[model] = int(counts[0])
     return path.substeps[model]
 
@@ -169,8 +185,15 @@ def as_scale(system: AbstractSystem, value: ArrayLike | None) -> np.ndarray:
 
 def all_inputs_along(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return (u, w) (N, m + p) along a path of this system, w = 0 where the path does not tell it."""
+    return join_inputs(*inputs_along(system, path))
+
+
+def inputs_along(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Return u (N, m) and w (N, p) along a path of this system, w = 0 where the path does not tell it."""
     p = len(system.model.unknown_inputs)
-    return join_inputs(path.u, np.zeros((path.steps, p)) if path.w is None else path.w)
+    if system.model.is_per_step:
+        return scaled_inputs(path, p)
+    return path.u, np.zeros((path.steps, p)) if path.w is None else path.w
 
 
 def _stack_inputs(u: np.ndarray, w: np.ndarray) -> np.ndarray:

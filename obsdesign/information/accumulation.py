@@ -15,6 +15,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_divisor, require_positive, require_tolerance
 from obsdesign.dynamics.inner_loop import InnerLoop
 from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.per_step import system_along
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, simulate, substeps_along, substeps_needed
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step, step_of, steps_per_sample
@@ -163,10 +164,11 @@ def segment_information(system: AbstractSystem, path: Trajectory, segments: int)
     Raises InputError as variational_gramian, and unless K divides the number of steps.
     """
     require_fit(system, path)
+    system = system_along(system, path)
     require_divisor("segments", segments, "steps", path.steps)
-    accumulator = accumulator_along(system.model, path.step, substeps_along(system, path), is_additive=colour_of(system.model) is not None)
+    accumulator = accumulator_along(system.model, path.pace, substeps_along(system, path), is_additive=colour_of(system.model) is not None)
     length = path.steps // segments
-    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.step)]
+    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.pace)]
     if accumulator.colour is not None:
         firsts = np.arange(0, path.steps, length)
         rows += additive_factors(accumulator.colour, rows[2][:, accumulator.colour.sensor_of_output] > 0, firsts).rows(firsts)
@@ -185,9 +187,10 @@ def path_information(system: AbstractSystem, path: Trajectory, weights: np.ndarr
             return segment_information(system, path, 1)[0].sum(axis=0)
         return np.einsum("ks,ksij->ij", weights, segment_information(system, path, len(weights)))
     require_fit(system, path)
-    accumulator = accumulator_along(system.model, path.step, substeps_along(system, path))
+    system = system_along(system, path)
+    accumulator = accumulator_along(system.model, path.pace, substeps_along(system, path))
     share = None if weights is None else np.repeat(weights, path.steps // len(weights), axis=0)
-    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.step, share)]
+    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.pace, share)]
     return accumulator.packing.full(np.array(_sums_by_stretch(accumulator, system, path, rows, path.steps)))[0].sum(axis=0)
 
 

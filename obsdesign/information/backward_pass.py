@@ -24,12 +24,13 @@ _MIN_EIGENVALUE = 1e-12  # smallest eigenvalue, at unit diagonal, of what the ou
 
 
 def rows_of_samples(model: Model, weights: ca.SX) -> ca.SX:
-    """(g / R)^1/2 C (q, n) of those sensors whose weight (S, 1) is not 0, about the state of that instant."""
+    """(a g / R)^1/2 C (q, n) of the sensors whose weight a (S, 1), how often a sample counts, is not 0, about the state of that instant."""
     rows = []
     for s, channel in enumerate(model.channels):
         root = ca.sqrt(channel.noise.gate / channel.noise.variance + _CLOSED_GATE)
         C = ca.jacobian(channel.h, model.x)
         # not a product: where a sensor that is off has no derivative, nothing is lost
+        root = root * ca.sqrt(weights[s])
         weighted_rows = root * C if root.numel() == 1 else ca.diag(root) @ C  # one number for all outputs but in joint noise
         rows.append(ca.if_else(weights[s], weighted_rows, ca.SX(*C.shape)))
     return ca.vertcat(*rows)
@@ -45,7 +46,7 @@ def _backward_scan(model: Model, step: float, disturbance: Disturbance, substeps
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n)
     B, samples = step_graph.B_w[:, list(disturbance.unknown)], rows_of_samples(model, weights)
-    after_noise = InformationRoot(L, rounding).add_noise(ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    after_noise = InformationRoot(L, rounding).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
     earlier = predict_back(after_noise, step_graph.F, B).with_rows(samples)
     results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(step_graph.F, B)))]
     carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding)
@@ -66,7 +67,7 @@ def _trace_scan(model: Model, step: float, unknown: tuple[int, ...], substeps: i
 def require_trace(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> None:
     """Raise InputError where the samples do not tell of a constant combination of the unknown inputs, or are not finite."""
     n, p = path.x.shape[1], len(disturbance.unknown)
-    scan = _trace_scan(system.model, path.step, disturbance.unknown, substeps_along(system, path))
+    scan = _trace_scan(system.model, path.pace, disturbance.unknown, substeps_along(system, path))
     rows = [values[::-1] for values in (path.x[:-1], all_inputs_along(system, path), weights)]
     input_information = scan.run(np.zeros((1, n * (n + 1) // 2)), rows, path.steps, carries=False).results[0][0]
     if not np.isfinite(input_information).all():
@@ -78,7 +79,7 @@ def require_trace(system: AbstractSystem, path: Trajectory, disturbance: Disturb
 def backward_roots(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return (N, n, n + p), roots of what later samples say about (x_k, w_k); raise InputError for inputs that leave no trace."""
     n, p = path.x.shape[1], len(disturbance.unknown)
-    scan = _backward_scan(system.model, path.step, disturbance, substeps_along(system, path))
+    scan = _backward_scan(system.model, path.pace, disturbance, substeps_along(system, path))
     require_trace(system, path, disturbance, weights)
     rows = [values[::-1] for values in (path.x[:-1], all_inputs_along(system, path), weights)]
     run = scan.run(np.zeros((1, n * n + n)), rows, path.steps, carries=False)
@@ -100,7 +101,7 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
     L, rounding = ca.SX.sym("L", size, size), ca.SX.sym("rounding", size)
     B = ca.vertcat(ca.SX(c, step_graph.B_w.shape[1]), step_graph.B_w, ca.SX(a, step_graph.B_w.shape[1]))
     noise = np.pad(disturbance.L, ((c, a), (0, 0)))
-    after_noise = InformationRoot(L, rounding).add_noise(ca.sparsify(ca.SX(ca.DM(noise))))
+    after_noise = InformationRoot(L, rounding).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(noise))))
     F, B = ca.diagcat(ca.SX.eye(c), step_graph.F, ca.SX.eye(a)), B[:, list(disturbance.unknown)]
     rows, transition, error_noise = samples_given_previous(model, nuisance, weights)
     earlier = predict_back(after_noise, F, B).add_noise(error_noise).transform(transition).with_rows(rows)
@@ -116,9 +117,9 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
 
 def backward_roots_with_nuisance(system: AbstractSystem, path: Trajectory, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return roots (N, s, s + p) of what the samples after t_k say about (b, x_k, z_k, w_k), s = c + n + a, where errors last."""
-    size, p = path.x.shape[1] + nuisance_of(system.model, path.step).size, len(disturbance.unknown)
+    size, p = path.x.shape[1] + nuisance_of(system.model, path.pace).size, len(disturbance.unknown)
     rows = [values[::-1] for values in (path.x[:-1], all_inputs_along(system, path), weights)]
-    scan = _backward_nuisance_scan(system.model, path.step, disturbance, substeps_along(system, path))
+    scan = _backward_nuisance_scan(system.model, path.pace, disturbance, substeps_along(system, path))
     roots = scan.run(np.zeros((1, size * size + size)), rows, path.steps, carries=False).results[0][0, ::-1]
     if not np.isfinite(roots).all():
         raise_not_finite(roots, system, path, weights)

@@ -15,6 +15,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import all_finite, as_array
 from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.per_step import system_along
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, readings, states_from, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
@@ -58,11 +59,12 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     Raises InputError for paths that do not fit the system and for a path through a landmark.
     """
     require_fit(system, path)
+    system = system_along(system, path)
     if weighted:
         if colour_of(system.model) is not None:
             return _gramian_with_colour(system, path)
         Phi, blocks = _sensitivities(system, path.x[:-1], all_inputs_along(system, path), _step_split(system, path), True)
-        blocks, transition = zero_unsampled(blocks, system, path.step), Phi[-1]
+        blocks, transition = zero_unsampled(blocks, system, path.pace), Phi[-1]
     else:
         blocks, transition = _integrate(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
     return with_samples(
@@ -77,11 +79,11 @@ def _gramian_with_colour(system: AbstractSystem, path: Trajectory) -> Informatio
     sensitivity = looped_step(model, *split).sensitivity
     rows = [path.x[:-1], all_inputs_along(system, path)]
     run = _sensitivity_scan_with_colour(model, *split).run(sensitivity.start[None], rows, path.steps, carries=False)
-    blocks = zero_unsampled(run.results[0].reshape(path.steps, -1, n, n), system, path.step)
+    blocks = zero_unsampled(run.results[0].reshape(path.steps, -1, n, n), system, path.pace)
     blocks = require_finite_blocks(blocks, system, path)
     output_arrays = [values[0] for values in run.results[1:]]
     samples = samples_with_colour(
-        system, colour, output_arrays[0].reshape(path.steps, colour.q, n), output_arrays[1], output_arrays[2], path.step
+        system, colour, output_arrays[0].reshape(path.steps, colour.q, n), output_arrays[1], output_arrays[2], path.pace
     )
     return with_samples(blocks, model.sensor_names, sensitivity.full(run.carry)[-1], samples, origin_of(system, path))
 
@@ -102,11 +104,12 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
     Raises InputError as variational_gramian, and unless eps > 0.
     """
     require_fit(system, path)
+    system = system_along(system, path)
     size = as_perturbation(system, eps)
     reference = variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
     sampler = partial(_difference_samples, system, size)
     if weighted:
-        blocks = zero_unsampled(sampler(path.x[:-1], all_inputs_along(system, path), _step_split(system, path), True), system, path.step)
+        blocks = zero_unsampled(sampler(path.x[:-1], all_inputs_along(system, path), _step_split(system, path), True), system, path.pace)
     else:
         blocks = _integrate(system, path, sampler)
     samples = None if reference.samples is None else _difference_rows(system, size, path, reference.samples)
@@ -115,13 +118,13 @@ def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike =
 
 
 def _step_split(system: AbstractSystem, path: Trajectory) -> _StepSplit:
-    return _StepSplit(path.step, substeps_along(system, path))
+    return _StepSplit(path.pace, substeps_along(system, path))
 
 
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
     """Raise InputError unless the path has this system's states and inputs, known and unknown, and the system has sensors."""
     model = system.model
-    if path.x.shape[1] != len(model.states) or path.u.shape[1] != len(model.inputs):
+    if path.x.shape[1] != len(model.states) or path.u.shape[1] != len(model.inputs) - model.is_per_step:
         raise InputError(
             f"path has {path.x.shape[1]} states and {path.u.shape[1]} inputs: the system has"
             f" {len(model.states)} ({', '.join(model.state_names)}) and {len(model.inputs)} ({', '.join(model.input_names)})"
@@ -263,7 +266,7 @@ def _integrate(system: AbstractSystem, path: Trajectory, sampler: _Sampler) -> n
 
 def _simpson(system: AbstractSystem, path: Trajectory, sampler: _Sampler, pieces: int) -> np.ndarray:
     """Return the integral over each step (N, S, n, n), on the values at start, middle and end of each piece."""
-    all_inputs, half_piece = all_inputs_along(system, path), _StepSplit(path.step / (2 * pieces), min(pieces, 2))
+    all_inputs, half_piece = all_inputs_along(system, path), _StepSplit(path.pace / (2 * pieces), min(pieces, 2))
     nodes = np.empty((path.steps, 2 * pieces, path.x.shape[1]))
     nodes[:, 0] = path.x[:-1]
     for j in range(1, 2 * pieces):
@@ -271,6 +274,8 @@ def _simpson(system: AbstractSystem, path: Trajectory, sampler: _Sampler, pieces
     states = np.vstack([nodes.reshape(-1, path.x.shape[1]), path.x[-1:]])
     values = sampler(states, np.vstack([np.repeat(all_inputs, 2 * pieces, axis=0), all_inputs[-1:]]), half_piece, False)
     integrals = (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half_piece.step / 3
+    if not path.is_even:  # of time, where steps were counted
+        integrals = integrals * np.repeat(path.lengths, pieces)[:, None, None, None]
     return integrals.reshape(path.steps, pieces, *integrals.shape[1:]).sum(axis=1) if pieces > 1 else integrals
 
 

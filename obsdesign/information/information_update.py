@@ -93,12 +93,15 @@ def _difference(A: ca.SX, B: ca.SX) -> ca.SX:
     return ca.if_else(ca.fabs(difference) > _RESIDUE * ca.fabs(A), difference, 0)
 
 
-def predict(root: InformationRoot, F: ca.SX, B_w: ca.SX, disturbance: Disturbance, unit: ca.SX) -> InformationRoot:
+def predict(
+    root: InformationRoot, F: ca.SX, B_w: ca.SX, disturbance: Disturbance, unit: ca.SX, scale: ca.SX | float = 1.0
+) -> InformationRoot:
     """Return the root about x_k+1 = F x_k + B_w w + L noise where this one is about x_k: of M - M B (B'M B + Q^-1)^# B'M with M = T'T.
 
-    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I; unit (n, 1): a size of each state.
+    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I; unit (n, 1): a size of each
+    state; scale: a factor on L.
     """
-    noise = ca.sparsify(ca.SX(ca.DM(disturbance.L)))
+    noise = scale * ca.sparsify(ca.SX(ca.DM(disturbance.L)))
     if not disturbance.unknown:
         return root.transform(ca.solve(F, ca.SX.eye(F.shape[0]))).add_noise(noise)
     root = root.scale(unit).without_residues()

@@ -98,15 +98,22 @@ def output_spread(model: Model, output: int) -> ca.SX:
 
 
 def predict_with_errors(
-    root: InformationRoot, errors: ErrorDistribution, F: ca.SX, B_w: ca.SX, disturbance: Disturbance, unit: ca.SX
+    root: InformationRoot,
+    errors: ErrorDistribution,
+    F: ca.SX,
+    B_w: ca.SX,
+    disturbance: Disturbance,
+    unit: ca.SX,
+    *,
+    scale: ca.SX | float = 1.0,
 ) -> tuple[InformationRoot, ErrorDistribution]:
-    """Return root and errors about (b, x_k+1), for x_k+1 = F x_k + B w + L noise, where these are about (b, x_k); z stays.
+    """Return root and errors about (b, x_k+1), for x_k+1 = F x_k + B w + scale L noise, where these are about (b, x_k); z stays.
 
     An unknown input leaves x = X x' + q t with t | x' ~ N(-g'T X x' / g'g, 1 / g'g), g = T q, so M' = (M - (M q) g'T / g'g) X and
     V' = V + (M q)(M q)' / g'g. Rows of M are combinations of rows of T: what says nothing of x says nothing of z.
     """
     c = root.T.shape[1] - F.shape[0]
-    noise = ca.vertcat(ca.SX(c, disturbance.L.shape[1]), ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    noise = ca.vertcat(ca.SX(c, disturbance.L.shape[1]), scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
     transition, all_units = ca.diagcat(ca.SX.eye(c), F), ca.vertcat(ca.SX.ones(c), unit)
     if not disturbance.unknown:
         X = ca.solve(transition, ca.SX.eye(c + F.shape[0]))

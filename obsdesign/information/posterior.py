@@ -13,6 +13,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.per_step import system_along
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step
@@ -63,6 +64,7 @@ def posterior_information(
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
     """
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
+    system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
     if disturbance.unknown:
         require_trace(system, path, disturbance, weights)
@@ -101,24 +103,27 @@ def unknown_input_information(
     if not unknown_inputs:
         raise InputError("unknown_inputs is empty: there is no input to know anything of")
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
+    system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
     later_roots = backward_roots(system, path, disturbance, weights)
-    if nuisance_of(system.model, path.step).size:
-        return _marginal_information(*_rows_with_nuisance(system, path, prior, disturbance, weights))
+    # of the integral over a step where time is counted in steps
+    square = 1.0 if path.is_even else path.lengths[:, None, None] ** 2
+    if nuisance_of(system.model, path.pace).size:
+        return square * _marginal_information(*_rows_with_nuisance(system, path, prior, disturbance, weights))
     roots = posterior_roots(system, path, prior, disturbance, weights)[:-1]
     n = path.x.shape[1]
     about_state = np.concatenate([roots, later_roots[:, :, :n]], axis=1)
     about_input = np.concatenate([np.zeros_like(later_roots[:, :, n:]), later_roots[:, :, n:]], axis=1)
-    return _marginal_information(about_input, about_state)
+    return square * _marginal_information(about_input, about_state)
 
 
 def _rows_with_nuisance(
     system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return rows (N, m, p) about w_k, and (N, m, .) about (b, x_k) and e, with errors z_k = M (b, x_k) + V^1/2 e."""
-    nuisance, rows = nuisance_of(system.model, path.step), [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
+    nuisance, rows = nuisance_of(system.model, path.pace), [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
-    scan = _forward_scan(system.model, path.step, disturbance, substeps_along(system, path), with_errors=True)
+    scan = _forward_scan(system.model, path.pace, disturbance, substeps_along(system, path), with_errors=True)
     results = scan.run(initial_carry_of(prior, nuisance)[None], rows, path.steps, carries=False).results
     shapes = ((size, size), (size, a), (a, a))
     T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(results, shapes, strict=True))
@@ -144,7 +149,7 @@ def disturbance_of(
     require_known("unknown_inputs", unknown_inputs, [signal.name for signal in model.unknown_inputs])
     names = [signal.name for signal in model.unknown_inputs]
     unknown = tuple(names.index(name) for name in dict.fromkeys(unknown_inputs))
-    noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
+    noise = noise_factor(disturbance_psd, path.x.shape[1], path.pace)
     return Disturbance(unknown, tuple(map(tuple, noise.tolist())))
 
 
@@ -174,7 +179,7 @@ def noise_factor(disturbance_psd: ArrayLike | None, n: int, step: float) -> np.n
 
 def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | None) -> np.ndarray:
     """Return (N, S): 1 where a sensor is on and has a sample, else 0."""
-    sampling = sampling_mask(system, path.steps, path.step)
+    sampling = sampling_mask(system, path.steps, path.pace)
     if active is None:
         return sampling.astype(float)
     mask = as_array("active", active)
@@ -207,7 +212,7 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     unit = ca.SX.sym("unit", n)
     if not nuisance.size:
         updated = InformationRoot(T, rounding).with_rows(rows_of_samples(model, weights))
-        predicted = predict(updated, step_graph.F, step_graph.B_w, disturbance, unit)
+        predicted = predict(updated, step_graph.F, step_graph.B_w, disturbance, unit, model.noise_scale)
         carry_next = ca.vertcat(ca.vec(ca.densify(predicted.T)), predicted.rounding)
         return Scan(
             ca.vertcat(ca.vec(T), rounding),
@@ -219,7 +224,9 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
     M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     rows, counts, errors = update_with_samples(model, nuisance, ErrorDistribution(M, V), weights)
     updated = InformationRoot(T, rounding).with_rows(ca.sqrt(counts) * rows)
-    predicted, errors_predicted = predict_with_errors(updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance, unit)
+    predicted, errors_predicted = predict_with_errors(
+        updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance, unit, scale=model.noise_scale
+    )
     carry_next = ca.vertcat(ca.vec(predicted.T), predicted.rounding, ca.vec(errors_predicted.M), pack(errors_predicted.V))
     carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
     results = [updated.T, errors.M, errors.V] if with_errors else [updated.T[c:, c:]]
@@ -229,10 +236,10 @@ def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps:
 
 def posterior_roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
-    n, nuisance = path.x.shape[1], nuisance_of(system.model, path.step)
+    n, nuisance = path.x.shape[1], nuisance_of(system.model, path.pace)
     rows = [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     start = initial_carry_of(prior, nuisance)[None]
-    scan = _forward_scan(system.model, path.step, disturbance, substeps_along(system, path))
+    scan = _forward_scan(system.model, path.pace, disturbance, substeps_along(system, path))
     run = scan.run(start, rows, path.steps, carries=False)
     size = n + len(nuisance.constant)
     last = run.carry[0, : size**2].reshape(size, size).T

@@ -43,10 +43,10 @@ def sensitivity_rows_of(system: AbstractSystem, path: Trajectory, sensor_indices
     The integral is by Simpson's rule, its nodes at the start, in the middle and at the end of each step: what it does not see is hidden.
     """
     owner = np.array(system.model.output_owner)
-    rounding = rounding_scan(system.model, path.step if weighted else path.step / 2, substeps_along(system, path))
+    rounding = rounding_scan(system.model, path.pace if weighted else path.pace / 2, substeps_along(system, path))
     if weighted:
         x, all_inputs = path.x[:-1], all_inputs_along(system, path)
-        counts = sampling_mask(system, path.steps, path.step)[:, owner].astype(float)
+        counts = sampling_mask(system, path.steps, path.pace)[:, owner].astype(float)
         firsts = [*range(0, len(x), _CHUNK), len(x)]
     else:
         x, all_inputs = _half_steps(system, path)
@@ -69,16 +69,18 @@ def _half_steps(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, n
     """Return states (2 N + 1, n) and (u, w) at the nodes and in the middle of each step, for Simpson's rule."""
     all_inputs, m = all_inputs_along(system, path), len(system.model.inputs)
     substeps = substeps_along(system, path)
-    middle = states_from(system, path.x[:-1], all_inputs[:, None, :m], path.step / 2, all_inputs[:, None, m:], substeps=substeps)[:, 1]
+    middle = states_from(system, path.x[:-1], all_inputs[:, None, :m], path.pace / 2, all_inputs[:, None, m:], substeps=substeps)[:, 1]
     states = np.empty((2 * path.steps + 1, path.x.shape[1]))
     states[::2], states[1::2] = path.x, middle
     return states, np.vstack([np.repeat(all_inputs, 2, axis=0), all_inputs[-1:]])
 
 
 def _simpson(path: Trajectory) -> np.ndarray:
-    weight = np.where(np.arange(2 * path.steps + 1) % 2, 4.0, 2.0)
-    weight[[0, -1]] = 1.0
-    return weight * path.step / 6
+    weight, sixth = np.zeros(2 * path.steps + 1), path.lengths / 6
+    weight[1::2] = 4 * sixth
+    weight[:-2:2] += sixth
+    weight[2::2] += sixth
+    return weight
 
 
 def _rows_of_chunk(

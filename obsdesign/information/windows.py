@@ -10,6 +10,7 @@ import numpy as np
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, require_count
 from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.per_step import system_along
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
@@ -38,6 +39,7 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)
+    system = system_along(system, path)
     require_count("window", window, minimum=1, maximum=path.steps)
     window = int(window)  # whole numbers of NumPy do not know their bits
     if colour_of(system.model) is not None:
@@ -54,8 +56,8 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
 
 def _accumulate_windows(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
     """The same by a walk along each window."""
-    accumulator = accumulator_along(system.model, path.step, substeps_along(system, path))
-    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.step)]
+    accumulator = accumulator_along(system.model, path.pace, substeps_along(system, path))
+    rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.pace)]
     windows = [np.moveaxis(np.lib.stride_tricks.sliding_window_view(values, window, axis=0), 2, 1) for values in rows]
     start, totals = np.concatenate([accumulator.start, np.zeros(len(accumulator.packing.rows))]), []
     count = max(1, _MAX_ENTRIES // (window * sum(values.shape[1] for values in rows)))
@@ -79,9 +81,9 @@ def local_information(system: AbstractSystem, path: Trajectory) -> tuple[np.ndar
     """Return F (N, n, n) and C'R^-1 C (N, S, n, n) of each sensor, 0 where there is no sample, at each step."""
     n = path.x.shape[1]
     rows = [path.x[:-1], all_inputs_along(system, path)]
-    run = _local_scan(system.model, path.step, substeps_along(system, path)).run(np.empty((1, 0)), rows, path.steps, carries=False)
+    run = _local_scan(system.model, path.pace, substeps_along(system, path)).run(np.empty((1, 0)), rows, path.steps, carries=False)
     F, blocks = (values.reshape(path.steps, -1, n, n) for values in run.results)
-    return F[:, 0].swapaxes(1, 2), require_finite_blocks(zero_unsampled(blocks, system, path.step), system, path)
+    return F[:, 0].swapaxes(1, 2), require_finite_blocks(zero_unsampled(blocks, system, path.pace), system, path)
 
 
 @lru_cache(CACHE_SIZE)

@@ -1,0 +1,79 @@
+"""A system with time counted in steps, whatever their lengths: what is made of equal steps serves those of any length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.errors import InputError
+from obsdesign.signals import Signal
+from obsdesign.trajectory import Trajectory
+
+LENGTH = Signal("length of a step", "s")
+
+
+@dataclass(frozen=True)
+class PerStepSystem(AbstractSystem):
+    """dx/dk = dt g_0 + sum_i f_i (dt u_i) + sum_j g_j (dt w_j): k counts the steps, dt is the length of the step that is made.
+
+    Known inputs (dt, dt u), unknown inputs dt w: control-affine as the system is, each step is one of length 1, also where dt = 0.
+    Sensors have a sample at every step; who asks says which of them are there.
+    """
+
+    system: AbstractSystem
+    """The system with time in seconds."""
+
+    def _build(self) -> Model:
+        import casadi as ca
+
+        model = self.system.model
+        return replace(
+            model,
+            drift=ca.SX(*model.drift.shape),
+            inputs=(LENGTH, *(_integral_of(signal) for signal in model.inputs)),
+            B=ca.horzcat(model.drift, model.B),
+            unknown_inputs=tuple(_integral_of(signal) for signal in model.unknown_inputs),
+            channels=tuple(replace(channel, rate=None) for channel in model.channels),
+            is_per_step=True,
+        )
+
+
+def _integral_of(signal: Signal) -> Signal:
+    """The signal's integral over a step; of the same name, by which it is asked for."""
+    return replace(signal, unit=f"{signal.unit} s".strip(), is_angle=False)
+
+
+def system_along(system: AbstractSystem, path: Trajectory, is_sampling_given: bool = False) -> AbstractSystem:
+    """Return the system as it is along equal steps, with time counted in steps along others.
+
+    Raises InputError, along steps that are not equal, for sensors whose errors are correlated in time, as over how much time is not
+    told, and for sensors with a rate, unless it is given which samples there are.
+    """
+    if path.is_even or system.model.is_per_step:
+        return system
+    require_uncorrelated(system.model)
+    for channel in () if is_sampling_given else system.model.channels:
+        if channel.rate is not None:
+            raise InputError(
+                f"sensor {channel.name!r} has a rate of {channel.rate:g} Hz: along steps of different lengths say which samples there are,"
+                " by `samples` of a log or by `active`"
+            )
+    return PerStepSystem(system)
+
+
+def require_uncorrelated(model: Model) -> None:
+    """Raise InputError for a sensor whose errors are correlated from sample to sample."""
+    for channel in model.channels:
+        if channel.noise.correlation:
+            raise InputError(
+                f"sensor {channel.name!r} has errors of correlation {channel.noise.correlation:g} from sample to sample: along steps of"
+                " different lengths only sensors without it are accepted; `inflation` and `bias_floor` are"
+            )
+
+
+def scaled_inputs(path: Trajectory, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (dt, dt u) (N, 1 + m) and dt w (N, p) along a path, w = 0 where the path does not tell it."""
+    dt = path.lengths[:, None]
+    return np.hstack([dt, dt * path.u]), np.zeros((path.steps, p)) if path.w is None else dt * path.w
