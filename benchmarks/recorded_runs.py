@@ -15,7 +15,7 @@ import numpy as np
 
 import obsdesign as od
 from benchmarks.trolley import TagRanges, Trolley
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 
 FOLDER = "OBSDESIGN_LOGS"
 RANGE_SCALE = 1.0695  # the radios of Plaza read so much long
@@ -55,7 +55,7 @@ def position_errors(run: RecordedRun, chosen: np.ndarray, segment: np.ndarray) -
     active = run.active[:, None] & np.swapaxes(chosen, 0, 1)[segment]
     owner = list(run.system.model.output_owner)
     start = Belief(np.tile(run.prior.mean, (len(chosen), 1)), np.tile(run.prior.covariance, (len(chosen), 1, 1)))
-    kalman = ExtendedKalmanFilter(run.system, run.path.step, np.diag(run.psd) * run.path.step)
+    kalman = FilterBank(run.system, run.path.step, np.diag(run.psd) * run.path.step)
     belief = kalman.run(start, run.path.u, np.repeat(run.y[:, None], len(chosen), axis=1), active[:, :, owner])
     error = belief.mean[:-1, :, :2] - run.path.x[:-1, None, :2]
     return np.sqrt(np.sum(error**2, axis=2).mean(axis=0))

@@ -71,6 +71,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
+    "estimate_states": {"system": SYSTEM, "prior": PRIOR, "u": U, "y": np.ones((8, 3)), "dt": 0.5},
     "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},
     "load_scenario": {"file": SCENARIO},
@@ -88,13 +89,18 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "EnergyBudget": {"limit": 5.0, "cost": 1.0},
     "Exclusive": {"sensors": (0, 1)},
     "FlightTime": {},
+    "ExtendedKalmanFilter": {"gate": od.Gate()},
+    "FixedIntervalSmoother": {},
     "Floor": {"seconds": 1.0, "value": 1.0},
     "GPS": {"sigma": 1.0},
+    "Gate": {"probability": 0.99},
     "Goal": {"point": BEACON, "tolerance": 1.0},
     "GoalPose": {"point": BEACON, "heading": 0.0, "tolerance": 1.0, "heading_tolerance": 0.1},
     "GoalRegion": {"corners": CORNERS},
     "GroundSpeed": {"least": 1.0},
     "HeadingSector": {"low": -1.0, "high": 1.0},
+    "InputStates": {"system": GUSTY, "orders": {"wind_x": 2}},
+    "IteratedExtendedKalmanFilter": {"iterations": 2},
     "Information": {"blocks": W.blocks, "names": W.names},
     "KeepIn": {"corners": CORNERS},
     "KeepOut": {"centre": BEACON, "radius": 1.0},
@@ -133,6 +139,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "UnavailableBetween": {"sensor": 0, "first": 0.0, "last": 1.0},
     "UnavailableOutside": {"sensor": 0, "centre": BEACON, "radius": 1.0},
     "Unicycle": {},
+    "UnscentedKalmanFilter": {"kappa": 1.0},
     "Via": {"point": BEACON, "tolerance": 1.0},
 }
 # records that obsdesign returns, enumerations, errors: nothing that a user gives goes into them
@@ -142,6 +149,7 @@ RETURNED = (
         "Contributions",
         "Curve",
         "Design",
+        "Estimate",
         "Evidence",
         "FilterSchedule",
         "Flight",
@@ -229,7 +237,7 @@ def test_a_system_is_refused_by_the_name_of_what_is_wrong(case: str) -> None:
 def test_a_verdict_is_refused_by_the_name_of_what_is_wrong() -> None:
     system = od.ControlAffineSystem(**LINEAR)
     od.select_next(**ACCEPTED["select_next"])  # loads a system that is no public name
-    with pytest.raises(od.InputError, match="system is None: must be one of ControlAffineSystem, System"):
+    with pytest.raises(od.InputError, match="system is None: must be one of ControlAffineSystem, InputStates, System"):
         od.observability(None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(od.InputError, match=r"held is \['u'\]: must be a dict from a text to a number"):
         od.observability(system, held=["u"])  # pyright: ignore[reportArgumentType]

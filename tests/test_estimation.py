@@ -17,7 +17,7 @@ from scipy.stats import chi2
 import obsdesign as od
 from obsdesign.dynamics.measurement_noise import MeasurementNoise
 from obsdesign.dynamics.simulation import substeps_along
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import CONSISTENT_SHARE, SETTLING_SHARE, _assess_consistency
 from obsdesign.planning import closed_loop as flight
 
@@ -71,7 +71,7 @@ def textbook(mean: np.ndarray, y: np.ndarray, active: np.ndarray) -> Iterator[tu
 def filtered(y: np.ndarray, active: np.ndarray, means: np.ndarray) -> list[Belief]:
     """The package's filter for several runs at once."""
     runs = len(means)
-    found = ExtendedKalmanFilter(LINEAR, STEP, PROCESS_NOISE, substeps_along(LINEAR, PATH)).run(
+    found = FilterBank(LINEAR, STEP, PROCESS_NOISE, substeps_along(LINEAR, PATH)).run(
         Belief(means, np.tile(COVARIANCE, (runs, 1, 1))), PATH.u, y, active
     )
     return [Belief(mean, covariance) for mean, covariance in zip(found.mean, found.covariance, strict=True)]
@@ -106,7 +106,7 @@ def test_filters_side_by_side_do_not_know_of_each_other():
     means = np.array([3.0, -1.0, 0.4, 2.0, -1.0]) + random.standard_normal((3, 5))
     covariances = np.stack([np.diag(random.uniform(0.5, 2.0, 5)) for _ in means])
     u, y, active = random.uniform(-0.5, 0.5, (4, 1)), random.standard_normal((4, 3, 4)), random.random((4, 4)) < 0.7
-    estimator = ExtendedKalmanFilter(system, 0.5, noise)
+    estimator = FilterBank(system, 0.5, noise)
     together = estimator.run(Belief(means, covariances), u, y, active)
     for run in range(3):
         one = slice(run, run + 1)
@@ -118,7 +118,7 @@ def test_filters_side_by_side_do_not_know_of_each_other():
 def test_a_prediction_moves_the_mean_as_the_simulation_does():
     system = od.System(od.Dubins(15.0, wind="constant"), (od.GPS(2.0),))
     path = od.simulate(system, (1.0, 2.0, 0.5, 3.0, -1.0), [0.4], 0.5)
-    estimator = ExtendedKalmanFilter(system, 0.5, np.zeros((5, 5)))
+    estimator = FilterBank(system, 0.5, np.zeros((5, 5)))
     belief = estimator.predict(Belief(path.x[:1], np.eye(5)[None]), path.u[0])
     np.testing.assert_allclose(belief.mean[0], path.x[1], rtol=1e-14)
 
@@ -130,7 +130,7 @@ COMPASS = od.System(od.Unicycle(), (od.Magnetometer(0.1),))
 
 def turned(heading: float, reading: float) -> Belief:
     """One compass update of a heading known to 0.1 rad."""
-    estimator = ExtendedKalmanFilter(COMPASS, 0.1, np.zeros((3, 3)))
+    estimator = FilterBank(COMPASS, 0.1, np.zeros((3, 3)))
     first = Belief(np.array([[0.0, 0.0, heading]]), np.diag([1.0, 1.0, 0.01])[None])
     return estimator.update(first, np.array([[reading]]), np.array([True]))
 
@@ -431,7 +431,7 @@ def swung(start: tuple[float, float], seconds: float) -> np.ndarray:
 @pytest.mark.parametrize("at_once", [True, False])
 def test_a_filter_makes_as_many_sub_steps_as_its_tolerance_asks_for(at_once: bool):
     """A step of 2 rad: without samples the mean moves as the pendulum does; one step of Runge and Kutta is off by 0.1."""
-    estimator = ExtendedKalmanFilter(swinging(), 0.2, np.zeros((2, 2)))
+    estimator = FilterBank(swinging(), 0.2, np.zeros((2, 2)))
     belief = Belief(np.array([[1.0, 0.0]]), 1e-4 * np.eye(2)[None])
     if at_once:
         mean = estimator.run(belief, np.zeros((5, 1)), np.zeros((5, 1, 1)), np.zeros((5, 1), dtype=bool)).mean[-1]
@@ -450,7 +450,7 @@ def test_the_truth_of_a_flight_moves_as_the_pendulum_does():
     )
     still = MeasurementNoise(np.zeros((5, 1)), np.zeros(1))
     world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), still, np.zeros((5, 1), dtype=bool))
-    estimator = ExtendedKalmanFilter(problem.system, problem.step, np.zeros((2, 2)))
+    estimator = FilterBank(problem.system, problem.step, np.zeros((2, 2)))
     scene = flight._Simulation(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
     flown = flight._simulate_flight(scene, lambda *_: np.zeros(1))
     for found in (flown.truth[-1], flown.mean[-1]):

@@ -14,7 +14,7 @@ import obsdesign as od
 from obsdesign.design.nlp.program import Program
 from obsdesign.dynamics.measurement_noise import measurement_noise
 from obsdesign.dynamics.simulation import readings, substeps_along
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import _draws, _MonteCarloTask
 from obsdesign.planning import closed_loop as flying
 from obsdesign.sensors.abstract import AbstractSensor
@@ -254,7 +254,7 @@ def test_without_process_noise_the_posterior_is_the_prior_and_the_gramian_carrie
 # ---------------------------------------------------------------- the filter's own model
 
 
-def along_the_path(case: Case) -> tuple[ExtendedKalmanFilter, Belief, np.ndarray, np.ndarray]:
+def along_the_path(case: Case) -> tuple[FilterBank, Belief, np.ndarray, np.ndarray]:
     """A filter that is fed with what it expects, and so stays on the path: y (N, 1, q), on (N, q)."""
     system, path = case.system, case.path
     n = path.x.shape[1]
@@ -263,7 +263,7 @@ def along_the_path(case: Case) -> tuple[ExtendedKalmanFilter, Belief, np.ndarray
     y = readings(system, path.x[None, :-1]).y[0][:, None]
     noise = np.zeros((n, n)) if case.psd is None else np.diag(case.psd) * path.step
     return (
-        ExtendedKalmanFilter(system, path.step, noise, substeps_along(system, path)),
+        FilterBank(system, path.step, noise, substeps_along(system, path)),
         Belief(path.x[:1], case.prior.covariance[None]),
         y,
         on,
@@ -375,7 +375,7 @@ def test_the_filter_of_a_flight_knows_how_well_it_does(name: str):
     problem = od.DesignProblem(system, (0.0, 0.0, 0.3, 2.0, -1.0), 6.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.3, 0.3)})
     prior = od.Prior(problem.x0, std=(3.0, 3.0, 0.03, 0.5, 0.5))
     factor = np.diag(np.sqrt(np.array([0.01, 0.01, 1e-5, 1e-3, 1e-3]) * 0.5))
-    estimator, nees = ExtendedKalmanFilter(system, 0.5, factor @ factor.T), np.zeros((runs, steps + 1))
+    estimator, nees = FilterBank(system, 0.5, factor @ factor.T), np.zeros((runs, steps + 1))
     for seed in range(runs):
         world = flying._draw_realisation(problem, prior, None, factor, steps, seed)
         nees[seed] = flying._simulate_flight(

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import obsdesign as od
 from obsdesign.blas_threads import one_thread
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.report.figures._drawing import inline_svg, styled_figure
 
 SYSTEM = od.System(od.Dubins(5.0), (od.GPS(1.0), od.Range((50.0, 20.0), 1.0)))
@@ -95,7 +95,7 @@ def test_four_threads_find_what_one_finds(work: Callable[[int], object]):
 
 def test_a_reading_that_is_not_a_number_is_refused_where_it_counts_and_only_there():
     """A missing reading is often nan: one that is off changes nothing, one that is on would make every belief nan."""
-    filter_ = ExtendedKalmanFilter(SYSTEM, PATH.step, np.zeros((3, 3)))
+    filter_ = FilterBank(SYSTEM, PATH.step, np.zeros((3, 3)))
     first = Belief(PATH.x[:1], PRIOR.covariance[None])
     y = np.stack([[PATH.x[k, 0], PATH.x[k, 1], np.hypot(PATH.x[k, 0] - 50.0, PATH.x[k, 1] - 20.0)] for k in range(8)])[:, None]
     active = np.ones((8, 3), dtype=bool)

@@ -23,7 +23,7 @@ import obsdesign as od
 from obsdesign.dynamics import native_code as native
 from obsdesign.dynamics import scan as loop
 from obsdesign.dynamics.scan import Scan
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 
 few = settings(deadline=None, max_examples=15, database=None, derandomize=True)
 MODES = pytest.mark.parametrize("mode", ["0", "1"], ids=["virtual machine", "machine code"])
@@ -346,7 +346,7 @@ def everything(system: od.System) -> dict[str, np.ndarray]:
     value, gradient = od.information_gradient(system, path.x[0], u, 0.25, od.LogDet())
     means = path.x[0] + random.standard_normal((2, n))
     y, active = random.standard_normal((steps, 2, len(model.outputs))), random.random((steps, len(model.outputs))) < 0.7
-    estimator = ExtendedKalmanFilter(system, 0.25, 0.01 * np.eye(n))
+    estimator = FilterBank(system, 0.25, 0.01 * np.eye(n))
     belief = estimator.run(Belief(means, np.tile(prior.covariance, (2, 1, 1))), u, y, active)
     one = estimator.update(estimator.predict(Belief(means, np.tile(prior.covariance, (2, 1, 1))), u[0]), y[0], active[0])
     check = od.validate(system, path, prior=prior, runs=3, disturbance_psd=psd)

@@ -15,7 +15,7 @@ from scipy.linalg import toeplitz
 
 import obsdesign as od
 from obsdesign.design.nlp.program import Program
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import _draws, _MonteCarloTask
 from obsdesign.sensors.abstract import AbstractSensor
 
@@ -314,7 +314,7 @@ def heading_errors(sensor: AbstractSensor, steps: int, samples: int, noise: np.n
     active = np.zeros((steps, 1), dtype=bool)
     active[::period] = True
     start = Belief(means, np.tile(np.diag([1.0, 1.0, prior**2]), (runs, 1, 1)))
-    last = ExtendedKalmanFilter(system, 1.0, np.zeros((3, 3))).run(start, path.u, y, active)
+    last = FilterBank(system, 1.0, np.zeros((3, 3))).run(start, path.u, y, active)
     return last.mean[-1][:, 2] - path.x[0, 2], last.covariance[-1, 0, 2, 2]
 
 

@@ -20,7 +20,7 @@ from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNois
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import readings, simulate, states_from, substeps_along
 from obsdesign.errors import InputError
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
 from obsdesign.information.sample_information import sampling_mask
@@ -184,7 +184,7 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     y = MeasurementNoise(varying, constant).added_to(path_readings)
     owner = np.array(model.output_owner)
     active = task.active[:, owner] & (path_readings.gate > GATE_THRESHOLD)
-    estimator = ExtendedKalmanFilter(system, path.step, task.noise @ task.noise.T, task.substeps)
+    estimator = FilterBank(system, path.step, task.noise @ task.noise.T, task.substeps)
     initial = Belief(path.x[0] + initial_errors, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
     belief = estimator.run(initial, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
     is_angle = np.array([state.is_angle for state in model.states])

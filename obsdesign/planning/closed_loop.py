@@ -19,7 +19,7 @@ from obsdesign.display import AbstractDisplay, Summary, number, state_picture
 from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.errors import InputError
-from obsdesign.estimation.ekf import Belief, ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.planning.plan import Plan
@@ -90,7 +90,7 @@ class _Simulation:
 
     problem: DesignProblem
     prior: Prior
-    estimator: ExtendedKalmanFilter
+    estimator: FilterBank
     realisation: _Realisation
 
 
@@ -151,7 +151,7 @@ def fly(
     simulation = _Simulation(
         problem,
         prior,
-        ExtendedKalmanFilter(problem.system, problem.step, noise_root @ noise_root.T, tolerance=problem.tolerance),
+        FilterBank(problem.system, problem.step, noise_root @ noise_root.T, tolerance=problem.tolerance),
         _draw_realisation(problem, prior, start, noise_root, steps, seed),
     )
     plans: list[Plan] = []

@@ -1,0 +1,43 @@
+"""What filters share that know a sample by its derivative."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from obsdesign.estimation._motion import Motion
+from obsdesign.estimation._samples import Outputs, SampleInnovations, Samples, mask_rows
+from obsdesign.estimation._spread import AbstractSpread
+from obsdesign.estimation.abstract import BeliefGraph, Moved, Prediction
+
+
+def linear_innovations(samples: Samples, belief: BeliefGraph) -> SampleInnovations:
+    """Return y - h(m) and C P C' + R, C the derivative of h at the mean m."""
+    outputs = samples.linearise(belief.mean)
+    residual = samples.residual(outputs.expected)
+    is_usable = samples.is_usable(outputs.C, residual, outputs.variance)
+    C = mask_rows(outputs.C, is_usable)
+    variance = ca.if_else(is_usable, outputs.variance, 1)
+    covariance = C @ belief.spread.cross_covariance(C) + ca.diag(variance)
+    return SampleInnovations(ca.if_else(is_usable, residual, 0), covariance, variance, is_usable)
+
+
+def linear_update(belief: BeliefGraph, outputs: Outputs, residual: ca.SX, is_taken: ca.SX) -> BeliefGraph:
+    """Return the belief after y = C X + noise, residual y - C m, one output after the other: white noise, so that it is all at once."""
+    C, correction, spread = mask_rows(outputs.C, is_taken), ca.SX.zeros(belief.mean.numel()), belief.spread
+    for i in range(C.shape[0]):
+        residual_i = ca.if_else(is_taken[i], residual[i], 0)
+        gain, spread = spread.after_sample(C[i, :], ca.if_else(is_taken[i], outputs.variance[i], 1))
+        correction += gain * (residual_i - C[i, :] @ correction)
+    return BeliefGraph(belief.mean + correction, spread)
+
+
+def linear_prediction(motion: Motion, belief: BeliefGraph, root: ca.SX) -> Prediction:
+    """Return f(m) with columns S before and F S after, F the derivative of the step at the mean m."""
+    step = motion.linearise(belief.mean)
+    return Prediction(step.X_next, root, step.F @ root, step.loop)
+
+
+def linear_move(motion: Motion, belief: BeliefGraph, noise: AbstractSpread) -> Moved:
+    """Return f(m) and F P F' + Q."""
+    step = motion.linearise(belief.mean)
+    return Moved(BeliefGraph(step.X_next, belief.spread.through(step.F, noise)), step.loop)

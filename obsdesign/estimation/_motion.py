@@ -1,0 +1,92 @@
+"""One step of the state with its nuisance states, as filters take it: along the estimate, or along points about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from obsdesign.dynamics.inner_loop import InnerLoop
+from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.step import Step, chain_steps, exact_step, looped_step
+from obsdesign.estimation._spread import root_values
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """X+ = (f(x, u), decay z, b): one step of a model, made of so many sub-steps, unknown inputs being 0."""
+
+    model: Model
+    step: float
+    substeps: int
+
+    @property
+    def u(self) -> ca.SX:
+        """The known inputs (m, 1)."""
+        return self.model.u
+
+    @property
+    def nuisance(self) -> NuisanceStates:
+        """The errors of samples that last."""
+        return nuisance_of(self.model, self.step)
+
+    @property
+    def size(self) -> int:
+        """The number of states, nuisance states among them."""
+        return self.model.x.numel() + self.nuisance.size
+
+    @property
+    def nuisance_noise(self) -> ca.SX:
+        """The root of the covariance of what drives the nuisance states (e, e)."""
+        driving = ca.sparsify(ca.SX(ca.DM(root_values(self.nuisance.driving_covariance))))
+        constant = len(self.nuisance.constant)
+        return ca.diagcat(driving, ca.SX(constant, constant))
+
+    def linearise(self, X: ca.SX) -> LinearMotion:
+        """Return the step from X (n + e, 1), an expression, with its derivative there."""
+        n, decay = self.model.x.numel(), ca.SX(ca.DM(self.nuisance.transition))
+        step_graph = looped_step(self.model, self.step, self.substeps).without_disturbance().starting_at(X[:n, :])
+        F = ca.diagcat(step_graph.F, ca.diag(decay)) if self.nuisance.size else step_graph.F
+        return LinearMotion(ca.vertcat(step_graph.x_next, decay * X[n:, :]), F, step_graph.loop)
+
+    def move(self, points: list[ca.SX]) -> PointMotion:
+        """Return where points (n + e, 1) move."""
+        n, decay = self.model.x.numel(), ca.SX(ca.DM(self.nuisance.transition))
+        moved, loop = self._move_states([point[:n, :] for point in points])
+        return PointMotion([ca.vertcat(x, decay * point[n:, :]) for x, point in zip(moved, points, strict=True)], loop)
+
+    def _move_states(self, points: list[ca.SX]) -> tuple[list[ca.SX], InnerLoop | None]:
+        """Move states, sub-steps of RK4 as a loop over all of them at once."""
+        model, count = self.model, self.substeps
+        if count == 1 or exact_step(model, self.step) is not None:
+            advance = _advance(looped_step(model, self.step, count))
+            return [ca.SX(advance(point, model.u)) for point in points], None
+        advance, n = _advance(chain_steps(model, (self.step / count,))), model.x.numel()
+        z, end = (ca.SX.sym(name, n * len(points) + model.u.numel()) for name in ("points", "end"))
+        u = z[n * len(points) :]
+        moved = [ca.SX(advance(part, u)) for part in ca.vertsplit(z[: n * len(points)], n)]
+        loop = InnerLoop(count, z, ca.vertcat(*moved, u), ca.vertcat(*points, model.u), end)
+        return ca.vertsplit(end[: n * len(points)], n), loop
+
+
+@dataclass(frozen=True, eq=False)
+class LinearMotion:
+    """X_next (n, 1) and F = dX_next/dX (n, n), and the loop of sub-steps of which they are the end, if there is one."""
+
+    X_next: ca.SX
+    F: ca.SX
+    loop: InnerLoop | None
+
+
+@dataclass(frozen=True, eq=False)
+class PointMotion:
+    """Points moved by one step, and the loop of sub-steps of which they are the end, if there is one."""
+
+    points: list[ca.SX]
+    loop: InnerLoop | None
+
+
+def _advance(step_graph: Step) -> ca.Function:
+    graph = step_graph.without_disturbance()
+    return ca.Function("advance", [graph.x, graph.u], [graph.x_next])

@@ -1,0 +1,136 @@
+"""From samples to estimates: one run of a filter or a smoother."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from obsdesign.arguments import validate_arguments
+from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.simulation import as_inputs
+from obsdesign.errors import InputError
+from obsdesign.estimation.abstract import AbstractEstimator
+from obsdesign.estimation.estimate import Estimate
+from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
+from obsdesign.estimation.filter_bank import Belief, FilterBank, SampleReports
+from obsdesign.information.posterior import noise_factor
+from obsdesign.information.sample_information import sampling_mask
+from obsdesign.prior import Prior
+from obsdesign.trajectory import TOLERANCE
+
+
+@validate_arguments
+def estimate_states(
+    system: AbstractSystem,
+    prior: Prior,
+    u: ArrayLike,
+    y: ArrayLike,
+    dt: float,
+    *,
+    active: ArrayLike | None = None,
+    disturbance_psd: ArrayLike | None = None,
+    estimator: AbstractEstimator | None = None,
+    tolerance: float = TOLERANCE,
+) -> Estimate:
+    """Run a filter or a smoother on samples: N times an update with the samples at t_k = k dt, then a step with inputs held.
+
+    Arguments:
+        system: vehicle and sensors; unknown inputs count as 0, or are states: see InputStates.
+        prior: what is known of x(t_0).
+        u (N, m): known inputs, in their units.
+        y (N, q): outputs, in their units, in the order of the sensors; what is not there may be anything, such as NaN.
+        dt: length of a step [s].
+        active (N, S): bool, which sensors have a sample; None = all, as often as their rates say.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * dt; None = none.
+        estimator: an ExtendedKalmanFilter, IteratedExtendedKalmanFilter, UnscentedKalmanFilter or FixedIntervalSmoother, with or without
+            a Gate; None = the first, without one.
+        tolerance: relative error of the steps, in (0, 1).
+    Raises InputError for shapes that do not fit, a sample that is there and not finite, a step too coarse for the dynamics, and
+    estimates that leave the finite numbers.
+    """
+    require_positive("dt", dt)
+    require_tolerance(tolerance)
+    model = system.model
+    inputs, samples = as_inputs(u, len(model.inputs), "u"), as_array("y", y)
+    if prior.mean.size != len(model.states):
+        raise InputError(f"prior has {prior.mean.size} states: the system has {len(model.states)} ({', '.join(model.state_names)})")
+    if not len(inputs) or samples.shape != (len(inputs), len(model.outputs)):
+        raise InputError(f"y has shape {samples.shape}: must be ({max(len(inputs), 1)}, {len(model.outputs)}), a row for each row of u")
+    arrived = _arrived(system, active, len(inputs), float(dt))
+    noise = noise_factor(disturbance_psd, len(model.states), float(dt))
+    bank = FilterBank(system, float(dt), noise @ noise.T, tolerance=tolerance, estimator=estimator or ExtendedKalmanFilter())
+    is_active = arrived[:, list(model.output_owner)]
+    _require_samples(system, samples, is_active)
+    start = Belief(prior.mean[None], prior.covariance[None])
+    belief, reports = bank.report(start, inputs, np.where(is_active, samples, 0.0)[:, None], is_active)
+    _require_estimates(system, belief, float(dt))
+    return _estimate(system, np.arange(len(inputs) + 1) * float(dt), belief, reports, arrived)
+
+
+def _arrived(system: AbstractSystem, active: ArrayLike | None, steps: int, dt: float) -> np.ndarray:
+    """Return (N, S) bool: which sensors have a sample."""
+    if active is None:
+        return sampling_mask(system, steps, dt)
+    mask, shape = as_array("active", active), (steps, len(system.model.channels))
+    if mask.shape != shape:
+        raise InputError(f"active has shape {mask.shape}: must be {shape}")
+    if not np.isin(mask, (0.0, 1.0)).all():
+        raise InputError(f"active has the entry {mask[~np.isin(mask, (0.0, 1.0))][0]}: must be true or false")
+    return mask > 0
+
+
+def _require_samples(system: AbstractSystem, y: np.ndarray, is_active: np.ndarray) -> None:
+    wrong = np.argwhere(is_active & ~np.isfinite(y))
+    if len(wrong):
+        k, j = wrong[0]
+        name = system.model.outputs[j].name
+        raise InputError(f"y[{k}, {j}] ({name}) is {y[k, j]}: a sample that is there must be finite; `active` says which are")
+
+
+def _require_estimates(system: AbstractSystem, belief: Belief, dt: float) -> None:
+    if all_finite(belief.mean) and all_finite(belief.covariance):
+        return
+    values = np.concatenate([belief.mean[:, 0], np.diagonal(belief.covariance[:, 0], axis1=1, axis2=2)], axis=1)
+    k, i = np.argwhere(~np.isfinite(values))[0] if not all_finite(values) else (0, 0)
+    name = system.model.state_names[i % len(system.model.states)]
+    raise InputError(f"the estimate of {name} or its variance is {values[k, i]} at t = {k * dt:g} s: the motion runs away from the samples")
+
+
+@dataclass(frozen=True, eq=False)
+class _SensorFlags:
+    """Whether something holds for any of the outputs of each sensor."""
+
+    owner: tuple[int, ...]
+    sensors: int
+
+    def of(self, flags: np.ndarray) -> np.ndarray:
+        """Return (N, S) for flags (N, q)."""
+        of_sensor = np.zeros((len(flags), self.sensors), dtype=bool)
+        for output, s in enumerate(self.owner):
+            of_sensor[:, s] |= flags[:, output]
+        return of_sensor
+
+
+def _estimate(system: AbstractSystem, t: np.ndarray, belief: Belief, reports: SampleReports, arrived: np.ndarray) -> Estimate:
+    model = system.model
+    sensors = _SensorFlags(model.output_owner, len(model.channels))
+    is_usable, is_taken = reports.is_usable[:, 0], reports.is_taken[:, 0]
+    has_nis = sensors.of(is_usable)
+    is_active = arrived[:, list(model.output_owner)]
+    return Estimate(
+        t,
+        belief.mean[:, 0],
+        belief.covariance[:, 0],
+        np.where(is_usable, reports.residual[:, 0], np.nan),
+        np.where(is_usable, np.sqrt(reports.variance[:, 0]), np.nan),
+        np.where(has_nis, reports.nis[:, 0], np.nan),
+        arrived,
+        sensors.of(is_usable & ~is_taken),
+        reports.is_alarm[:, 0],
+        sensors.of(is_active & ~is_usable),
+        model.state_names,
+        model.sensor_names,
+    )
