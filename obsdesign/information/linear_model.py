@@ -64,17 +64,19 @@ class LinearModel:
         return replace(self, noise=self.noise + (B * variance) @ B.swapaxes(1, 2))
 
     def covariances(self, active: np.ndarray) -> np.ndarray:
-        """Return the covariances (N, n, n) of z after the samples at t_k of a Kalman filter, active (N, S): which sensors are on."""
-        P, result = self.initial_covariance, np.empty((self.steps, *self.initial_covariance.shape))
-        is_on = (active[:, self.sensor_of_row] > 0) & self.rows.any(axis=2)
+        """Return the covariances (..., N, n, n) of z after the samples at t_k of a Kalman filter, active (..., N, S): what is on."""
+        P = np.broadcast_to(self.initial_covariance, (*active.shape[:-2], *self.initial_covariance.shape))
+        result = np.empty((*active.shape[:-1], *self.initial_covariance.shape))
+        is_on = (active[..., self.sensor_of_row] > 0) & self.rows.any(axis=2)
         for k in range(self.steps):
-            for row in self.rows[k, is_on[k]]:
+            for i in np.flatnonzero(is_on[..., k, :].reshape(-1, self.rows.shape[1]).any(axis=0)):
+                row = self.rows[k, i]
                 v = P @ row
-                P = P - np.outer(v, v) / (1 + row @ v)
-            result[k] = P
+                P = P - v[..., :, None] * (v / (1 + v @ row)[..., None] * is_on[..., k, i, None])[..., None, :]
+            result[..., k, :, :] = P
             if k < self.steps - 1:
                 P = self.transition[k] @ P @ self.transition[k].T + self.noise[k]
-                P = (P + P.T) / 2
+                P = (P + P.swapaxes(-1, -2)) / 2
         return result
 
     @property

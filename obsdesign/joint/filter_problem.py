@@ -9,10 +9,11 @@ import numpy as np
 from obsdesign.criteria.posterior import Posterior
 from obsdesign.errors import InputError
 from obsdesign.joint.abstract import AbstractJointProblem
+from obsdesign.selection.posterior.deadline import NEVER
 from obsdesign.selection.posterior.filter_certificate import certify_schedule
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import select_for_filter, solve_question
-from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
+from obsdesign.selection.posterior.formulation import formulate
 from obsdesign.selection.posterior.options import build_options, switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
@@ -51,7 +52,7 @@ class FilterJointProblem(AbstractJointProblem[FilterSchedule]):
     def select_schedule(self, path: Trajectory, proven: bool = False) -> FilterSchedule:
         """Return the best schedule found for a path; proven: by `select_for_filter`, with others to compare, else to a wider gap."""
         if not proven:
-            return solve_question(*self._formulation(path), gap=_GAP_ON_THE_WAY, time_limit=None)
+            return solve_question(*self._formulation(path), gap=_GAP_ON_THE_WAY, deadline=NEVER)
         criterion, problem = self.posterior, self.problem
         return select_for_filter(
             problem.system,
@@ -113,8 +114,7 @@ class FilterJointProblem(AbstractJointProblem[FilterSchedule]):
         )
         question = build_question(problem.system, path, criterion.prior, settings)
         options = build_options(self.rules, self.per_segment, question.segments, question.answers)
-        question = settle_unknown_inputs(question, options)
-        return question, problem_of(question, options)
+        return formulate(question, options)
 
     def _boundaries(self, path: Trajectory) -> list[float]:
         """Return when segments begin and end (K+1,) [s]."""

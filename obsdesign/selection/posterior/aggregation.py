@@ -20,6 +20,7 @@ from obsdesign.selection.posterior.ceiling import meet_of_groups
 from obsdesign.selection.posterior.clusters import cluster
 from obsdesign.selection.posterior.deepening import Chain, open_pairs, priced_cost, total_cost
 from obsdesign.selection.posterior.problem import PosteriorProblem
+from obsdesign.selection.posterior.trellis import first_by_key
 from obsdesign.selection.posterior.windows import smallest_by_key
 
 
@@ -69,11 +70,15 @@ class Relaxation:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """What one pass came to: the finer relaxation, None where nothing below the limit is left; a schedule (K,); how many were simulated."""
+    """What one pass came to: the finer relaxation, None where nothing below the limit is left; a schedule (K,); how many were simulated.
+
+    Without both where is_stopped: the deadline was over before the pass was.
+    """
 
     relaxation: Relaxation | None
     nodes: np.ndarray | None
     simulated: int
+    is_stopped: bool = False
 
 
 def relaxation_of_windows(chain: Chain, limit: float) -> Relaxation:
@@ -120,6 +125,8 @@ def refine(
     labels = _start(problem, len(relaxation.prices))
     layers, stages, simulated = [], [], 0
     for k, old in enumerate(relaxation.layers):
+        if problem.deadline.is_over:
+            return Refinement(None, None, simulated, is_stopped=True)
         label, step = _steps(labels, old)
         is_open = _total(problem, relaxation.prices, labels, label, old.only(step)) < limit
         label, steps = label[is_open], old.only(step[is_open])
@@ -196,8 +203,7 @@ def _best(
     problem: PosteriorProblem, prices: np.ndarray, labels: Labels, layer: StateLayer, slope: np.ndarray, state: np.ndarray
 ) -> np.ndarray:
     """Return the label of each state of which most is expected."""
-    order = np.lexsort((_expected_cost(problem, prices, labels, layer, slope), state))
-    return order[np.concatenate([[True], np.diff(state[order]) > 0])]
+    return first_by_key(state, _expected_cost(problem, prices, labels, layer, slope))
 
 
 def _join_states(labels: Labels, state: np.ndarray, count: int, best: np.ndarray) -> Labels:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from time import monotonic
 
 import numpy as np
 
@@ -31,6 +30,8 @@ _SCHEDULES = 100  # states where only a schedule is looked for
 _FAR = 0.02  # of the cost: a gap that is left open, from which on states that cut across windows are tried
 _MAX_JOINED = 2000  # such states after each segment
 _GROWTH = 2  # times the work of a pass that the next one takes, about
+_OF_TRELLISES = 0.3  # of the time left: what they may take
+_ALL_ON = "all sensors that may be on, on all the time"
 _TOLERANCE = 0.1  # of what the ceiling is worth: states are split that are so near to the best
 
 
@@ -44,26 +45,32 @@ class Answer:
 
 
 def search(
-    problem: PosteriorProblem, gap: float, is_relative: bool, time_limit: float | None = None, starts: Sequence[np.ndarray] = ()
+    problem: PosteriorProblem, gap: float, is_relative: bool, starts: Sequence[np.ndarray], least_costs: np.ndarray, share: float = 1.0
 ) -> Answer:
     """Return the schedule and bound of a problem.
 
-    gap: how near they are wanted, as a share of the cost where is_relative; time_limit [s]: from when on only what is begun is finished;
-    starts: walks (K,) that keep the limits, beside those of trellises.
+    gap: how near they are wanted, as a share of the cost where is_relative; starts: walks (K,) that keep the limits, beside those of
+    trellises; least_costs (K,): what no schedule is below in each segment; share: of the work that one search may take.
     """
-    deadline = monotonic() + time_limit if time_limit is not None else np.inf
-    walks = [walk for walk in (first_walk(problem), *map(problem.walk, starts)) if walk is not None]
-    walk = min(walks, key=lambda walk: walk.value, default=None)
+    walk = _first_of(problem, starts, share)
     if walk is None:
         return Answer(None, np.inf, "no schedule keeps the limits")
-
     try:
-        return _search_from(problem, walk, gap, is_relative, deadline)
+        answer = _search_from(problem, walk, gap, is_relative, least_costs, share)
     except np.linalg.LinAlgError:  # covariances that overflow, or have lost all digits
-        return Answer(walk, -np.inf, "nothing: covariances along the run are beyond what numbers hold")
+        answer = Answer(walk, -np.inf, "nothing: covariances along the run are beyond what numbers hold")
+    bound = problem.total(least_costs)
+    return replace(answer, bound=bound, bound_by=_ALL_ON) if answer.bound < bound < np.inf else answer
 
 
-def _search_from(problem: PosteriorProblem, walk: Walk, gap: float, is_relative: bool, deadline: float) -> Answer:
+def _first_of(problem: PosteriorProblem, starts: Sequence[np.ndarray], share: float) -> Walk | None:
+    """Return the best of walks (K,) that are given and those of trellises, which are left out where it is late."""
+    walks = [problem.walk(nodes) for nodes in starts]
+    trellis = None if walks and problem.deadline.is_over else first_walk(problem, share)
+    return min([*walks, *([] if trellis is None else [trellis])], key=lambda walk: walk.value, default=None)
+
+
+def _search_from(problem: PosteriorProblem, walk: Walk, gap: float, is_relative: bool, least_costs: np.ndarray, share: float) -> Answer:
     """Return what is reached from a first schedule."""
     lost = _rounding(problem, walk) * abs(walk.value) if is_relative else _rounding_of_log_det(problem, walk)
 
@@ -71,10 +78,12 @@ def _search_from(problem: PosteriorProblem, walk: Walk, gap: float, is_relative:
         """Return what may stay open at a cost, less what rounding takes."""
         return max(0.0, (gap * abs(value) if is_relative else gap) - lost)
 
+    if len(problem.ceilings) and problem.deadline.is_over:
+        return Answer(walk, -np.inf, "nothing")
     if problem.segments <= _LONG:
-        answer = prove_best(problem, walk, gap_at, replace(_EFFORT, deadline=deadline))
+        answer = prove_best(problem, walk, gap_at, _EFFORT.share(share))
     else:
-        answer = _search_blocks(problem, walk, gap_at, replace(_EFFORT_OF_BLOCK, deadline=deadline))
+        answer = _search_blocks(problem, walk, gap_at, least_costs, _EFFORT_OF_BLOCK.share(share))
     return replace(answer, bound=answer.bound - lost)
 
 
@@ -95,11 +104,15 @@ def _rounding_of_log_det(problem: PosteriorProblem, walk: Walk) -> float:
     return _rounding(problem, walk) * max(1.0, abs(walk.value)) + _ROUNDING * len(problem.P0) / max(float(smallest), _ROUNDING)
 
 
-def _search_blocks(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
-    """Return what blocks come to."""
+def _search_blocks(
+    problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], least_costs: np.ndarray, effort: WorkLimits
+) -> Answer:
+    """Return what blocks come to; least_costs (K,) bound those that there is no time for."""
 
     def bound_of(part: PosteriorProblem, own: Walk) -> tuple[Walk, float]:
         """Return the best schedule of a block and the bound on all."""
+        if problem.deadline.is_over:
+            return own, problem.total(least_costs[part.maps.first + part.maps.free : part.maps.first + part.segments])
         share = part.segments / problem.segments
         answer = prove_best(part, own, lambda _: _OF_BLOCKS * share * gap_at(walk.value), effort)
         return answer.walk or own, answer.bound
@@ -113,12 +126,12 @@ def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], 
     proof = prove(problem, walk, gap_at(walk.value), effort)
     answer = Answer(proof.walk, proof.bound, _windows_of(proof.depth))
     is_closed = proof.bound >= proof.walk.value - gap_at(proof.walk.value)
-    if is_closed or effort.is_over or proof.depth == 1:  # pairs of choices are too many already
+    if is_closed or problem.deadline.is_over or proof.depth == 1:  # pairs of choices are too many already
         return answer
     answer = _refine_states(problem, proof, gap_at, effort)
     is_near = answer.walk is None or answer.bound >= answer.walk.value - _FAR * abs(answer.walk.value)
     is_free = not problem.options.is_linked and not len(problem.limits)
-    return _join_all(problem, answer, gap_at, effort) if is_free and not is_near and not effort.is_over else answer
+    return _join_all(problem, answer, gap_at, effort) if is_free and not is_near and not problem.deadline.is_over else answer
 
 
 def _join_all(problem: PosteriorProblem, answer: Answer, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
@@ -135,6 +148,8 @@ def _join_all(problem: PosteriorProblem, answer: Answer, gap_at: Callable[[float
         return answer
     limit, tolerance = walk.value - gap_at(walk.value), _TOLERANCE * _worth(problem, walk, slopes)
     result = refine(problem, relaxation_of_ceilings(chain), slopes, limit, width, tolerance)
+    if result.is_stopped:
+        return answer
     bound = limit if result.relaxation is None else result.relaxation.bound
     if result.nodes is not None:
         walk = better_walk(problem, walk, result.nodes)
@@ -152,7 +167,7 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
     simulated_before = _WIDTHS[0] * problem.segments
     for width in _WIDTHS:
         is_closed = bound >= walk.value - gap_at(walk.value)
-        if is_closed or _GROWTH * simulated_before > rest or effort.is_over or not _can_hold(problem, relaxation, width):
+        if is_closed or _GROWTH * simulated_before > rest or problem.deadline.is_over or not _can_hold(problem, relaxation, width):
             break
         found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
         walk = walk if found.nodes is None else better_walk(problem, walk, found.nodes)
@@ -160,6 +175,8 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
         result = refine(problem, relaxation, slopes, limit, width, tolerance)
         simulated_before = result.simulated + found.simulated
         rest -= simulated_before
+        if result.is_stopped:
+            break
         by = f"partial schedules in {width} states after each segment"
         if result.relaxation is None or result.nodes is None:
             bound = max(bound, limit)
@@ -185,16 +202,21 @@ def _worth(problem: PosteriorProblem, walk: Walk, slopes: np.ndarray) -> float:
     return float(np.median(np.einsum("kij,kij->k", slopes[:-1], walk.covariances - problem.ceilings)[1:])) if problem.segments > 1 else 0.0
 
 
-def first_walk(problem: PosteriorProblem) -> Walk | None:
-    """Return the best walk of trellises of growing depth, with several prices where something is limited in sum."""
+def first_walk(problem: PosteriorProblem, share: float = 1.0) -> Walk | None:
+    """Return the best walk of trellises of growing depth, with several prices where something is limited in sum.
+
+    share: of the work that they may take.
+    """
     best, nodes = None, len(problem.options.pattern_of_node)
-    width = max(1, _MAX_STEP_ENTRIES // (nodes * len(problem.P0) ** 2))
-    prices = trellis_prices(problem)
+    width = max(1, int(share * _MAX_STEP_ENTRIES) // (nodes * len(problem.P0) ** 2))
+    prices, hasty = trellis_prices(problem), replace(problem, deadline=problem.deadline.share(_OF_TRELLISES))
     for depth in (1, 2, 3):
         if depth > 1 and nodes**depth > _MAX_TRELLIS:
             break
         for price in prices:
-            walk = follow_trellis(problem, depth, price, width)
+            if best is not None and hasty.deadline.is_over:
+                return best
+            walk = follow_trellis(hasty, depth, price, width)
             if walk is not None and (best is None or walk.value < best.value):
                 best = walk
     return best
@@ -203,12 +225,13 @@ def first_walk(problem: PosteriorProblem) -> Walk | None:
 def trellis_prices(problem: PosteriorProblem) -> list[np.ndarray]:
     """Return the prices (R,) that partial schedules are compared with."""
     limits = problem.options.limits
-    if not len(limits):
-        return [np.zeros(0)]
+    if not len(limits) or problem.deadline.is_over:
+        return [np.zeros(len(limits))]
     layers = single_layers(problem)
     if problem.is_worst:
         level = float(np.median(np.concatenate([layer.cost for layer in layers])))
         unit = np.full(len(limits), level) / np.maximum(limits, problem.options.usage.max(initial=1e-9, axis=(1, 2)))
     else:
         unit = best_prices(problem, layers)
-    return [factor * unit for factor in (_PRICE_FACTORS if unit.any() else (0.0,))]
+    is_priced = unit.any() and np.isfinite(unit).all()
+    return [factor * unit for factor in _PRICE_FACTORS] if is_priced else [np.zeros(len(limits))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from obsdesign.selection.posterior.deadline import Deadline
 from obsdesign.selection.posterior.options import Options
 from obsdesign.selection.posterior.segment_maps import SegmentMaps
 
@@ -51,13 +52,17 @@ def meet_of_groups(covariances: np.ndarray, group: np.ndarray, count: int) -> np
     return P.transpose(1, 2, 0)
 
 
-def ceilings(maps: SegmentMaps, options: Options, P0: np.ndarray) -> np.ndarray:
+def ceilings(maps: SegmentMaps, options: Options, P0: np.ndarray, deadline: Deadline) -> np.ndarray:
     """Return P (K, n, n) before the first samples of each segment with P <= P_k for every schedule; exact at k = 0.
 
     P_k+1 is below what all options of the last two segments end with from P_k-1: covariances are monotone in earlier ones.
+    0, which is below all, from where the deadline is over.
     """
     floors = [P0]
     for k in range(1, len(maps.instants)):
+        if deadline.is_over:
+            floors.append(np.zeros_like(P0))
+            continue
         last = _options_in(options, k - 1)
         before = _options_in(options, k - 2) if k > 1 else last[:0]
         if k > 1 and len(before) * len(last) <= _MAX_JOINED:

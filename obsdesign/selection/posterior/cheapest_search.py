@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import monotonic
 
 import numpy as np
 
@@ -16,18 +15,20 @@ from obsdesign.selection.posterior.deepening import (
     MAX_ENTRIES,
     Chain,
     WorkLimits,
+    all_open_pairs,
     build_chain,
     count_windows,
     extend_windows,
-    open_pairs,
     prices_tried,
     prune,
 )
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
+from obsdesign.selection.posterior.trellis import best_by_key
 from obsdesign.selection.posterior.windows import WindowLayer, single_layers
 
 _EFFORT = WorkLimits(max_windows=400_000, max_simulated=3_000_000)
 _MAX_TRELLIS = 4096  # partial walks of a trellis
+_MAX_STEP_ENTRIES = 1_500_000  # numbers of the covariances that go on into a segment from partial walks: no more of these are kept
 _WORTH = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a unit of cost: what a factor e in the volume of an ellipsoid of errors is worth
 _SUM_ROUNDING = 1e-12  # of a sum of costs: what rounding may add to it
 _UNIT_ROUNDING = 1e-6  # of a unit: what rounding may add to a sum of costs
@@ -37,13 +38,12 @@ _UNIT_ROUNDING = 1e-6  # of a unit: what rounding may add to a sum of costs
 class Target:
     """What is looked for: keeps says in full whether nodes (K,) keep every limit; unit: all costs are whole multiples of it, 0 = none.
 
-    gap: how near to the least the cost is wanted; deadline: when to stop, on the monotonic clock.
+    gap: how near to the least the cost is wanted.
     """
 
     keeps: Callable[[np.ndarray], bool]
     unit: float
     gap: float
-    deadline: float
 
     def wanted_below(self, value: float) -> float:
         """Return what a better walk costs less than."""
@@ -79,21 +79,18 @@ def search_cheapest(problem: PosteriorProblem, target: Target) -> Cheapest:
         bound = max(bound, min(chain_bound, target.round_up(limit)))
         if chain_bound >= limit or depth >= problem.segments:
             return Cheapest(walk, bound, depth)
-        longer = _deeper(chain, limit, simulated, target)
+        longer = _deeper(chain, limit, simulated)
         if longer is None:
             return Cheapest(walk, bound, depth)
         layers, depth = longer, depth + 1
 
 
-def _deeper(chain: Chain, limit: float, simulated: int, target: Target) -> list[WindowLayer] | None:
+def _deeper(chain: Chain, limit: float, simulated: int) -> list[WindowLayer] | None:
     """Return windows of one choice more through which a walk may cost less than the limit; None where they are too many, or it is late."""
     chain = prune(chain, limit)
-    pairs = [open_pairs(chain, k, limit) for k in range(1, chain.problem.segments)]
-    count = sum(len(before) for before, _ in pairs)
-    most = min(_EFFORT.max_windows, MAX_ENTRIES // len(chain.problem.P0) ** 2)
-    if count > most or simulated + count > _EFFORT.max_simulated or monotonic() > target.deadline:
-        return None
-    return extend_windows(chain, pairs)
+    most = min(_EFFORT.max_windows, MAX_ENTRIES // len(chain.problem.P0) ** 2, _EFFORT.max_simulated - simulated)
+    pairs = all_open_pairs(chain, limit, most)
+    return None if pairs is None else extend_windows(chain, pairs)
 
 
 def _cheaper(problem: PosteriorProblem, target: Target, walk: Walk | None, candidates: list[np.ndarray]) -> Walk | None:
@@ -106,14 +103,17 @@ def _cheaper(problem: PosteriorProblem, target: Target, walk: Walk | None, candi
 
 
 def first_purchase(problem: PosteriorProblem, target: Target) -> Walk | None:
-    """Return the cheapest walk of trellises that weigh cost against knowledge in several ways."""
+    """Return the cheapest walk of trellises that weigh cost against knowledge in several ways, until the deadline."""
     walk, nodes = None, len(problem.options.pattern_of_node)
     unit = 1.0 if problem.purchase is None else float(problem.purchase.on_costs.mean(axis=0).max())
+    width = max(1, _MAX_STEP_ENTRIES // (nodes * len(problem.P0) ** 2))
     for depth in (1, 2):
         if depth > 1 and nodes ** (depth + 1) > _MAX_TRELLIS:
             break
         for worth in _WORTH:
-            walk = _cheaper(problem, target, walk, follow_purchases(problem, depth, worth * unit))
+            if walk is not None and problem.deadline.is_over:
+                return walk
+            walk = _cheaper(problem, target, walk, follow_purchases(problem, depth, worth * unit, width))
     return walk
 
 
@@ -132,10 +132,11 @@ class _Purchases:
         return _Purchases(self.node[index], self.cost[index], self.amounts[:, index], self.P[:, :, index], self.choices[index])
 
 
-def follow_purchases(problem: PosteriorProblem, depth: int, worth: float) -> list[np.ndarray]:
+def follow_purchases(problem: PosteriorProblem, depth: int, worth: float, width: int) -> list[np.ndarray]:
     """Return the nodes (K,) of the cheapest walk of a trellis within the limits, in a list; none where all of its walks break one.
 
-    For every choice of the last `depth` segments the walk with the least cost + worth * log det P stays.
+    For every choice of the last `depth` segments the walk with the least cost + worth * log det P stays; of more than `width`
+    the best, one from when the deadline is over.
     """
     R, nodes = len(problem.limits), len(problem.options.pattern_of_node)
     walks = _Purchases(np.array([-1]), np.zeros(1), np.zeros((R, 1)), problem.P0[:, :, None], np.zeros((1, 0), dtype=int))
@@ -143,8 +144,7 @@ def follow_purchases(problem: PosteriorProblem, depth: int, worth: float) -> lis
         walks = _step(problem, walks, k)
         score = walks.cost + worth * np.linalg.slogdet(walks.P.transpose(2, 0, 1))[1]
         key = walks.choices[:, -depth:] @ nodes ** np.arange(min(depth, k + 1))
-        order = np.lexsort((score, key))
-        walks = walks.only(order[np.diff(key[order], prepend=-1) > 0])
+        walks = walks.only(best_by_key(key, score, 1 if problem.deadline.is_over else width))
     return [walks.choices[int(walks.cost.argmin())]] if len(walks.cost) else []
 
 

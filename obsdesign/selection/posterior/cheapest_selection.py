@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import reduce
 from math import gcd, lcm
-from time import monotonic
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_count, require_known, require_positive, require_within
+from obsdesign.checks import require_count, require_known, require_within
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import SolveError
@@ -22,9 +21,10 @@ from obsdesign.rules.abstract import AbstractRule
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.selection.baselines import round_robin, single_sensor
 from obsdesign.selection.posterior.cheapest_search import Cheapest, Target, search_cheapest
-from obsdesign.selection.posterior.filter_certificate import failed_schedule
+from obsdesign.selection.posterior.deadline import Deadline, deadline_after, require_time_limit
+from obsdesign.selection.posterior.filter_certificate import TIME_WAS_UP, failed_schedule, with_note
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
-from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
+from obsdesign.selection.posterior.formulation import OF_SEARCH, problem_of, settle_unknown_inputs
 from obsdesign.selection.posterior.options import Options, build_options, switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem, Purchase, Walk
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
@@ -88,12 +88,10 @@ def cheapest_schedule(
     Raises InputError for what does not fit, SolveError where no schedule was found that keeps the requirements and none was proven
     impossible. Source of the bounds: docs/selection.md.
     """
+    deadline = deadline_after(require_time_limit(time_limit))
     require_count("per_segment", per_segment, maximum=len(system.model.channels))
     require_within("gap", gap)
     require_count("seed", seed, minimum=0)
-    if time_limit is not None:
-        require_positive("time_limit", time_limit)
-    deadline = np.inf if time_limit is None else monotonic() + time_limit
     required = require_requirements(require, system.model, path.t[: path.steps])
     expense = require_expense(cost, start, system.model.sensor_names)
     settings = FilterSettings(
@@ -110,20 +108,23 @@ def cheapest_schedule(
     question = build_question(system, path, prior, settings)
     reason = _impossible_with_all_on(question, required)
     if reason:
-        return _without_answer(question, Status.INFEASIBLE, reason)
+        return failed_schedule(question, Status.INFEASIBLE, reason)
     options = build_options((*rules, SwitchingCost(dict(enumerate(expense.start.tolist())))), per_segment, question.segments, None)
-    question = settle_unknown_inputs(question, options)
-    problem = purchase_problem(question, options, expense.cost, required)
+    question = settle_unknown_inputs(question, options, deadline)
+    problem = purchase_problem(question, options, expense.cost, required, deadline.share(OF_SEARCH))
     unit = common_unit(np.concatenate([expense.cost, options.switching]))
-    answer = search_cheapest(problem, Target(lambda nodes: _holds(question, required, options.chosen(nodes)), unit, 0.9 * gap, deadline))
+    answer = search_cheapest(problem, Target(lambda nodes: _holds(question, required, options.chosen(nodes)), unit, 0.9 * gap))
     if answer.walk is not None:
-        schedule = _certify(question, problem, answer.walk, answer, gap)
+        is_cut = problem.deadline.is_over
+        schedule = _certify(question, problem, answer.walk, answer, gap, deadline)
+        schedule = with_note(schedule, TIME_WAS_UP) if is_cut and schedule.status is Status.GAP_OPEN else schedule
         return replace(schedule, compared=_compare(question, options, expense.cost, required, per_segment))
     if np.isposinf(answer.bound):
-        return _without_answer(question, Status.INFEASIBLE, _impossible_within_rules(required, per_segment, rules, answer))
+        return failed_schedule(question, Status.INFEASIBLE, _impossible_within_rules(required, per_segment, rules, answer))
+    status = Status.TIME_LIMIT if problem.deadline.is_over else Status.LOCALLY_INFEASIBLE
     if throw:
-        raise SolveError("the cheapest schedule", Status.LOCALLY_INFEASIBLE, f"every one costs at least {answer.bound:g}")
-    return _without_answer(question, Status.LOCALLY_INFEASIBLE, f"every schedule costs at least {answer.bound:g}")
+        raise SolveError("the cheapest schedule", status, f"every one costs at least {answer.bound:g}")
+    return failed_schedule(question, status, f"every schedule costs at least {answer.bound:g}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,16 +163,16 @@ def common_unit(values: np.ndarray) -> float:
 
 
 def purchase_problem(
-    question: FilterQuestion, options: Options, cost: np.ndarray, required: tuple[RequiredKnowledge, ...]
+    question: FilterQuestion, options: Options, cost: np.ndarray, required: tuple[RequiredKnowledge, ...], deadline: Deadline
 ) -> PosteriorProblem:
-    """Return the problem of cost (S,) per segment on and limits of how often requirements may fail."""
+    """Return the problem of cost (S,) per segment on and limits of how often requirements may fail, worked on until a deadline."""
     model = question.linear_model
     maps = segment_maps(
         model, question.nodes, options.patterns, tuple(requirement.costs(10 * question.unknown_error) for requirement in required)
     )
     on_costs = np.repeat((options.patterns[options.pattern_of_node] @ cost)[None], options.segments, axis=0)
     limits = np.array([float(requirement.misses) for requirement in required])
-    return PosteriorProblem(maps, options, model.initial_covariance, is_worst=False, purchase=Purchase(on_costs, limits))
+    return PosteriorProblem(maps, options, model.initial_covariance, is_worst=False, purchase=Purchase(on_costs, limits), deadline=deadline)
 
 
 def _holds(question: FilterQuestion, required: tuple[RequiredKnowledge, ...], chosen: np.ndarray) -> bool:
@@ -199,17 +200,14 @@ def _impossible_within_rules(
     return f"impossible: with all on it is kept, but no schedule within the rules ({kept}) keeps {wanted}, {proof}"
 
 
-def _without_answer(question: FilterQuestion, status: Status, reason: str) -> FilterSchedule:
-    names, boundaries = question.system.model.sensor_names, question.path.t[question.nodes]
-    return failed_schedule(names, boundaries, question.path.steps, question.path.x.shape[1], status, reason)
-
-
-def _certify(question: FilterQuestion, problem: PosteriorProblem, walk: Walk, answer: Cheapest, gap: float) -> FilterSchedule:
+def _certify(
+    question: FilterQuestion, problem: PosteriorProblem, walk: Walk, answer: Cheapest, gap: float, deadline: Deadline
+) -> FilterSchedule:
     """Return the record of an answer; that it keeps the requirements was seen with `posterior_information`."""
     chosen = problem.options.chosen(walk.nodes)
     bound = min(answer.bound, walk.value)
     remaining = 1 - bound / walk.value if walk.value else 0.0
-    variances = problem_of(question, problem.options)
+    variances = problem_of(question, problem.options, deadline)
     worth = sensor_prices(question, variances, variances.walk(walk.nodes))
     return FilterSchedule(
         chosen,
@@ -224,6 +222,7 @@ def _certify(question: FilterQuestion, problem: PosteriorProblem, walk: Walk, an
         (),
         question.path.t[question.nodes],
         question.system.model.sensor_names,
+        (*question.notes, *worth.notes),
     )
 
 

@@ -37,16 +37,14 @@ class AbstractSteps(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class WorkLimits:
-    """What the search may take: windows held at a time, windows simulated in all, and when it stops beginning anything [s]."""
+    """What the search may take: windows held at a time, windows simulated in all."""
 
     max_windows: int
     max_simulated: int
-    deadline: float = float("inf")
 
-    @property
-    def is_over(self) -> bool:
-        """Whether the deadline has passed, by `time.monotonic`."""
-        return monotonic() > self.deadline
+    def share(self, part: float) -> WorkLimits:
+        """Return a share of it."""
+        return WorkLimits(int(part * self.max_windows), int(part * self.max_simulated))
 
     def max_held(self, depth: int, n: int) -> int:
         """Return how many windows of `depth` choices may be held; a quarter of all work where they are pairs, the first that tell much."""
@@ -144,10 +142,16 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
     """Return the best schedule and bound that deepening comes to from a first schedule.
 
     gap: how much below the best known a schedule has to be to be looked for, in the cost's unit. Stops when the gap is closed, when the
-    number of windows falls, and at the limits of work.
+    number of windows falls, at the limits of work, and where the deadline would be over before the next windows are there.
     """
+    began = monotonic()
     layers, bound, depth, before = single_layers(problem), -np.inf, 1, 0
     simulated = count_windows(layers)
+
+    def has_time(count: int) -> bool:
+        """Whether there is time for so many windows, at the pace of those before."""
+        return problem.deadline.leaves((monotonic() - began) / max(1, simulated) * count)
+
     while True:
         chain = build_chain(problem, layers, prices_tried(problem, layers))
         chain_bound = chain.bound
@@ -157,10 +161,10 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
         if chain_bound >= walk.value - gap or depth >= problem.segments:
             return Proof(walk, bound, chain, depth, simulated)
         chain = prune(chain, walk.value - gap)
-        pairs = [open_pairs(chain, k, walk.value - gap) for k in range(1, problem.segments)]
-        count = sum(len(window) for _, window in pairs)
-        most = effort.max_held(depth + 1, len(problem.P0))
-        if count < before or count > most or simulated + count > effort.max_simulated or effort.is_over:
+        most = min(effort.max_held(depth + 1, len(problem.P0)), effort.max_simulated - simulated)
+        pairs = all_open_pairs(chain, walk.value - gap, most)
+        count = 0 if pairs is None else sum(len(window) for _, window in pairs)
+        if pairs is None or count < before or not has_time(count):
             return Proof(walk, bound, chain, depth, simulated)
         before = count if depth > 1 else 0
         layers, depth = extend_windows(chain, pairs), depth + 1
@@ -209,6 +213,17 @@ def open_pairs(chain: Chain, k: int, limit: float) -> tuple[np.ndarray, np.ndarr
     before, window = before[follows], window[follows]
     is_open = chain.through_pairs(k, before, window) < limit
     return before[is_open], window[is_open]
+
+
+def all_open_pairs(chain: Chain, limit: float, most: int) -> list[tuple[np.ndarray, np.ndarray]] | None:
+    """Return `open_pairs` of all layers but the first; None where there are more than so many, or it is late."""
+    pairs, count = [], 0
+    for k in range(1, len(chain.layers)):
+        pairs.append(open_pairs(chain, k, limit))
+        count += len(pairs[-1][0])
+        if count > most or chain.problem.deadline.is_over:
+            return None
+    return pairs
 
 
 def extend_windows(chain: Chain, pairs: list[tuple[np.ndarray, np.ndarray]]) -> list[WindowLayer]:

@@ -15,6 +15,8 @@ from obsdesign.status import Status
 
 ROUNDING_MARGIN = 1e-9
 """Of a cost: what rounding may add to a bound."""
+TIME_WAS_UP = "time was up before the gap was closed"
+"""What is said of a search that was cut short."""
 
 
 def certify(
@@ -27,28 +29,55 @@ def certify(
 ) -> FilterSchedule:
     """Return the record of an answer, its value from roots of the information, with floors by a Kalman filter with the search's model."""
     chosen = problem.options.chosen(walk.nodes)
-    value = question.schedule_cost(chosen) + problem.switching(walk.nodes)
-    is_relative = question.costs.criterion.gap_kind == "relative"
-    # a log det changes by the sum of the relative changes of its eigenvalues
-    unknown_error = question.unknown_error * (abs(walk.value) if is_relative else len(question.costs.about))
-    bound = _bound(answer.bound, value, walk.value, unknown_error)
-    bound = max(bound, 0.0) if is_relative else bound  # variances are not below 0
-    remaining = (1 - bound / value if value else 0.0) if is_relative else value - bound
+    cost, predicted = question.rating(chosen)
+    value = cost + problem.switching(walk.nodes)
+    bound = certified_bound(question, answer.bound, value, walk.value)
+    remaining = question.gap_between(value, bound)
     worth = sensor_prices(question, problem, walk)
     return FilterSchedule(
         chosen,
         value,
         bound,
         remaining,
-        question.deviations(chosen),
-        Status.OPTIMAL if remaining <= max(gap, 2 * ROUNDING_MARGIN) else Status.GAP_OPEN,
+        predicted,
+        status_of_gap(remaining, gap),
         answer.bound_by,
         worth.memory,
         worth.prices,
         (),
         question.path.t[question.nodes],
         question.system.model.sensor_names,
+        (*question.notes, *worth.notes),
     )
+
+
+def with_note(schedule: FilterSchedule, note: str) -> FilterSchedule:
+    """Return the record that also says something."""
+    return replace(schedule, notes=(*schedule.notes, note))
+
+
+def accuracy_for(gap: float) -> float:
+    """Return the gap to search for so that it is still the one asked for when rounding has been taken off the bound."""
+    return max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN)
+
+
+def status_of_gap(remaining: float, gap: float) -> Status:
+    """Return whether what remains is the gap asked for, or as near as rounding lets a bound be."""
+    return Status.OPTIMAL if remaining <= max(gap, 2 * ROUNDING_MARGIN) else Status.GAP_OPEN
+
+
+def certified_bound(question: FilterQuestion, bound: float, value: float, searched_value: float) -> float:
+    """Return the bound of a search less what rounding may have added to it; searched_value: what a schedule that costs `value` costs there.
+
+    That is 1e-9 of the value, and ten times what the search takes the schedule to cost above what it does. With unknown inputs the
+    search takes it to cost less, and what rounding did does not show: ten times what trial schedules were off by.
+    """
+    # a log det changes by the sum of the relative changes of its eigenvalues
+    unknown_error = question.unknown_error * (abs(searched_value) if question.is_relative else len(question.costs.about))
+    difference = searched_value - value if np.isfinite(value) else 0.0
+    lowered = bound - ROUNDING_MARGIN * abs(searched_value) - 10 * max(0.0, difference, unknown_error)
+    lowered = -np.inf if np.isnan(lowered) else min(lowered, value)
+    return max(lowered, 0.0) if question.is_relative else lowered  # variances are not below 0
 
 
 def certify_schedule(
@@ -63,19 +92,14 @@ def certify_schedule(
     return replace(schedule, compared=proof.compared, notes=proof.notes)
 
 
-def _bound(bound: float, value: float, searched_value: float, unknown_error: float) -> float:
-    """Return a bound less what rounding may have added to it.
-
-    That is 1e-9 of the value, and ten times what the search takes the schedule to cost above what it does. With unknown inputs the
-    search takes it to cost less, and what rounding did does not show: ten times what trial schedules were off by.
-    """
-    difference = searched_value - value if np.isfinite(value) else 0.0
-    error = max(0.0, difference, unknown_error)
-    lowered = bound - ROUNDING_MARGIN * abs(searched_value) - 10 * error
-    return -np.inf if np.isnan(lowered) else min(lowered, value)
+def failed_schedule(question: FilterQuestion, status: Status, reason: str) -> FilterSchedule:
+    """Return the record without an answer to a question."""
+    boundaries = question.path.t[question.nodes]
+    steps, states = question.path.x[:-1].shape
+    return schedule_without_answer(question.system.model.sensor_names, boundaries, steps, states, status, reason)
 
 
-def failed_schedule(
+def schedule_without_answer(
     sensors: tuple[str, ...], boundaries: np.ndarray, steps: int, states: int, status: Status, reason: str
 ) -> FilterSchedule:
     """Return the record without an answer: nothing on in the segments between boundaries (K+1,), NaN for N steps of n states."""

@@ -50,9 +50,9 @@ class FilterSchedule(AbstractDisplay):
     bound_by: str
     """What proved the bound, in words."""
     memory: float
-    """Segments until half of what a choice brings is forgotten; inf where it never is."""
+    """Segments until half of what a choice brings is forgotten; inf where it never is, NaN where there was no time to look."""
     prices: np.ndarray
-    """What each sensor is worth in each segment (K, S): the cost without it less that with it, all else as chosen."""
+    """What each sensor is worth in each segment (K, S): the cost without it less that with it, all else as chosen; NaN without time."""
     compared: tuple[ComparedSchedule, ...]
     """What others would do: each with its cost."""
     boundaries: np.ndarray
@@ -73,8 +73,9 @@ class FilterSchedule(AbstractDisplay):
         rows = [
             ("cost (smaller is better)", number(self.value)),
             ("no schedule is below", f"{number(self.bound)} (gap {number(self.gap)}, by {self.bound_by})"),
-            ("half of a choice is forgotten after", f"{number(self.memory)} segment{'' if self.memory == 1 else 's'}"),
         ]
+        if not np.isnan(self.memory):
+            rows.append(("half of a choice is forgotten after", f"{number(self.memory)} segment{'' if self.memory == 1 else 's'}"))
         rows += [(name, marks) for name, marks in zip(self.sensors, raster_text(self.chosen), strict=True)]
         rows += [(other.name, number(other.value)) for other in self.compared]
         if self.notes:

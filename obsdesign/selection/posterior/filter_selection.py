@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import as_array, require_count, require_positive, require_within
+from obsdesign.checks import as_array, require_count, require_within
 from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
@@ -19,14 +18,15 @@ from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.posterior.bounded_search import first_walk, search
 from obsdesign.selection.posterior.comparison import compare_schedules
-from obsdesign.selection.posterior.filter_certificate import ROUNDING_MARGIN, certify, failed_schedule
+from obsdesign.selection.posterior.deadline import Deadline, deadline_after, require_time_limit
+from obsdesign.selection.posterior.filter_certificate import TIME_WAS_UP, accuracy_for, certify, failed_schedule, with_note
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
-from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
-from obsdesign.selection.posterior.lost_sensors import answer_without, best_for_all, questions_without
+from obsdesign.selection.posterior.formulation import formulate, problem_of
+from obsdesign.selection.posterior.lost_sensors import questions_without, solve_for_losses
 from obsdesign.selection.posterior.options import Options, build_options, switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
-from obsdesign.selection.posterior.rival_walks import rival_walks
+from obsdesign.selection.posterior.rival_walks import greedy_walk, random_walks
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
@@ -85,36 +85,40 @@ def select_for_filter(
         robust_to: how many sensors may be lost, whichever they are: value, bound, `predicted` and `compared` are those of the worst loss.
             The bound is the largest of those for one loss each: valid, but it seldom closes.
         gap: how near to the best the schedule is to be proven, as a share of the cost (a difference for LogDet()).
-        time_limit: stops with what there is [s]; None = never. Without one, so much work is done, the same on every machine.
+        time_limit: the call ends about then [s], with what there is: what was left out is said in `notes`, and a bound that was reached
+            holds. None = never: so much work is done, the same on every machine.
         seed: seed of the random schedules that are compared.
         throw: False = return the failed record instead of raising SolveError.
     Raises InputError for what does not fit, SolveError where no schedule keeps the rules.
     Source of the bounds: docs/selection.md.
     """
+    deadline = deadline_after(require_time_limit(time_limit))
     require_count("per_segment", per_segment, maximum=len(system.model.channels))
     require_within("gap", gap)
     require_count("seed", seed, minimum=0)
     require_count("robust_to", robust_to, minimum=0, maximum=len(system.model.channels) - 1)
     if robust_to and flown is not None:
         raise InputError(f"flown is given with robust_to {robust_to}: what was flown has lost no sensor; leave one of them out")
-    if time_limit is not None:
-        require_positive("time_limit", time_limit)
     settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active, floor)
     question = build_question(system, path, prior, settings)
     on = None if flown is None else require_schedule("flown", flown, question.answers.shape)
     options = build_options(tuple(rules), per_segment, question.segments, question.answers)
-    question = settle_unknown_inputs(question, options)
-    problem = problem_of(question, options)
+    question, problem = formulate(question, options, deadline)
     sets = [question] if not robust_to else questions_without(question, robust_to)
-    solve = solve_question if not robust_to else partial(solve_for_losses, sets)
-    rivals = rival_walks(problem, seed)
-    schedule = solve(question, problem, gap=gap, time_limit=time_limit, starts=[nodes for _, nodes in rivals])
+    rivals = greedy_walk(problem)
+    rivals += (
+        [] if rivals and time_limit is not None else random_walks(problem, seed)
+    )  # if little is looked at, it is looked for what is best
+    starts = [nodes for _, nodes in rivals]
+    schedule = solve_for_losses(sets, problem, gap=gap, deadline=deadline, starts=starts) if robust_to else None
+    schedule = schedule or solve_question(question, problem, gap=gap, deadline=deadline, starts=starts)
     if schedule.status.has_answer:
-        compared = compare_schedules(question, problem, per_segment, rivals)
-        if robust_to:
-            compared = tuple(replace(other, value=_worst_cost(sets, options, other.chosen)) for other in compared)
-        notes = (*schedule.notes, *floor_notes(question, options, schedule)) if question.floors.any() else schedule.notes
-        schedule = replace(schedule, compared=compared, notes=notes)
+        problem = replace(problem, deadline=deadline)
+        rivals += random_walks(problem, seed) if len(rivals) == 1 else []
+        compared, is_cut = compare_schedules(question, sets, problem, per_segment, rivals)
+        notes = floor_notes(question, options, schedule, deadline) if question.floors.any() else ()
+        cut = ("time was up: not all others were compared",) if is_cut else ()
+        schedule = replace(schedule, compared=compared, notes=(*schedule.notes, *notes, *cut))
         return schedule if on is None else with_flown(question, problem, schedule, on)
     if throw:
         raise SolveError("sensor selection for the filter", schedule.status)
@@ -122,47 +126,28 @@ def select_for_filter(
 
 
 def solve_question(
-    question: FilterQuestion, problem: PosteriorProblem, *, gap: float, time_limit: float | None, starts: Sequence[np.ndarray] = ()
+    question: FilterQuestion, problem: PosteriorProblem, *, gap: float, deadline: Deadline, starts: Sequence[np.ndarray] = ()
 ) -> FilterSchedule:
     """Return the schedule for a checked question and its problem, compared with nothing; starts: walks (K,) to be no worse than."""
-    is_relative = question.costs.criterion.gap_kind == "relative"
-    answer = search(problem, max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN), is_relative, time_limit, starts)
+    least_costs = question.least_costs(problem.options.may_be_on)
+    answer = search(problem, accuracy_for(gap), question.is_relative, starts, least_costs)
     if answer.walk is None:
-        names, boundaries = question.system.model.sensor_names, question.path.t[question.nodes]
-        # one limit: what is still needed after each choice is known exactly, so that some walk would have been met
-        is_proven = len(problem.limits) <= 1
-        status = Status.INFEASIBLE if is_proven else Status.LOCALLY_INFEASIBLE
-        reason = "no schedule keeps the rules" if is_proven else "no schedule was met that keeps all limits together; there may be one"
-        return failed_schedule(names, boundaries, question.path.steps, question.path.x.shape[1], status, reason)
-    return certify(question, problem, answer.walk, answer, gap=gap)
+        return _no_schedule(question, problem)
+    is_cut = problem.deadline.is_over
+    schedule = certify(question, replace(problem, deadline=deadline), answer.walk, answer, gap=gap)
+    return with_note(schedule, TIME_WAS_UP) if is_cut and schedule.status is Status.GAP_OPEN else schedule
 
 
-def solve_for_losses(
-    sets: list[FilterQuestion],
-    question: FilterQuestion,
-    problem: PosteriorProblem,
-    *,
-    gap: float,
-    time_limit: float | None,
-    starts: Sequence[np.ndarray],
-) -> FilterSchedule:
-    """Return the schedule for the worst of the questions without a set of sensors, compared with nothing."""
-    share = None if time_limit is None else time_limit / len(sets)
-    accuracy = max(0.0, 0.9 * gap - 4 * ROUNDING_MARGIN)
-    lost_sets = [answer_without(part, problem_of(part, problem.options), accuracy, share) for part in sets]
-    nodes = best_for_all(lost_sets)
-    if nodes is None:
-        return solve_question(question, problem, gap=gap, time_limit=time_limit, starts=starts)
-    records = [certify(lost.question, lost.problem, lost.problem.walk(nodes), lost.answer, gap=gap) for lost in lost_sets]
-    worst, bound = max(records, key=lambda record: record.value), max(record.bound for record in records)
-    is_relative = question.costs.criterion.gap_kind == "relative"
-    remaining = (1 - bound / worst.value if worst.value else 0.0) if is_relative else worst.value - bound
-    status = Status.OPTIMAL if remaining <= max(gap, 2 * ROUNDING_MARGIN) else Status.GAP_OPEN
-    return replace(worst, bound=bound, gap=remaining, status=status, bound_by=f"one loss of {len(sets)} at a time, {worst.bound_by}")
+def _no_schedule(question: FilterQuestion, problem: PosteriorProblem) -> FilterSchedule:
+    """Return the record that says why no schedule was met.
 
-
-def _worst_cost(sets: list[FilterQuestion], options: Options, chosen: np.ndarray) -> float:
-    return max(part.schedule_cost(chosen) for part in sets) + switching_of(options, chosen)
+    One limit: what is still needed after each choice is known exactly, so that some walk would have been met.
+    """
+    if len(problem.limits) <= 1:
+        return failed_schedule(question, Status.INFEASIBLE, "no schedule keeps the rules")
+    if problem.deadline.is_over:
+        return failed_schedule(question, Status.TIME_LIMIT, "time was up before a schedule was met that keeps all limits together")
+    return failed_schedule(question, Status.LOCALLY_INFEASIBLE, "no schedule was met that keeps all limits together; there may be one")
 
 
 def require_schedule(what: str, schedule: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -176,19 +161,18 @@ def require_schedule(what: str, schedule: np.ndarray, shape: tuple[int, ...]) ->
 def with_flown(question: FilterQuestion, problem: PosteriorProblem, schedule: FilterSchedule, on: np.ndarray) -> FilterSchedule:
     """Return the record that also says what the schedule that was flown (K, S) costs, and how far that is from the best at most."""
     value = question.schedule_cost(on) + switching_of(problem.options, on)
-    is_relative = question.costs.criterion.gap_kind == "relative"
-    saved = f"{100 * (1 - schedule.bound / value):.3g} % of it" if is_relative else f"{value - schedule.bound:.3g}"
+    saved = f"{100 * (1 - schedule.bound / value):.3g} % of it" if question.is_relative else f"{value - schedule.bound:.3g}"
     note = f"what was flown costs {value:.4g}: no schedule would have saved more than {saved}"
     return replace(schedule, compared=(*schedule.compared, ComparedSchedule("what was flown", on, value)), notes=(*schedule.notes, note))
 
 
-def floor_notes(question: FilterQuestion, options: Options, schedule: FilterSchedule) -> tuple[str, ...]:
+def floor_notes(question: FilterQuestion, options: Options, schedule: FilterSchedule, deadline: Deadline) -> tuple[str, ...]:
     """Return what floors change, in words: what the schedule costs without them, and what one chosen without them costs with them."""
     without = replace(question, floors=np.zeros_like(question.floors))
-    notes = [f"value and bound count the floors; without them this schedule costs {without.schedule_cost(schedule.chosen):.4g}"]
-    walk = first_walk(problem_of(without, options))
-    if walk is not None:
-        excess = question.schedule_cost(options.chosen(walk.nodes)) / schedule.value - 1
-        if question.costs.criterion.gap_kind == "relative" and excess > _WORTH_SAYING:
-            notes.append(f"a schedule chosen without the floors costs {100 * excess:.0f} % more with them")
-    return tuple(notes)
+    notes = (f"value and bound count the floors; without them this schedule costs {without.schedule_cost(schedule.chosen):.4g}",)
+    if deadline.is_over or not question.is_relative:
+        return notes
+    walk = first_walk(problem_of(without, options, deadline))
+    excess = 0.0 if walk is None else question.schedule_cost(options.chosen(walk.nodes)) / schedule.value - 1
+    more = f"a schedule chosen without the floors costs {100 * excess:.0f} % more with them"
+    return (*notes, more) if excess > _WORTH_SAYING else notes

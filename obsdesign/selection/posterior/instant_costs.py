@@ -73,15 +73,28 @@ class InstantCosts:
         """Whether the cost is a sum that is linear in each covariance."""
         return self.criterion.is_trace_of_covariance and not self.is_worst
 
-    def value_from_roots(self, roots: np.ndarray) -> float:
-        """Return the cost from roots B (k, n, m), B B' the covariances, of the k instants that have a weight."""
-        block = roots[:, self.about] / self.scale[:, None]
-        costs = self.criterion.covariance_cost_of_root(block)
-        return float(costs.max()) if self.is_worst else float(self.weights[self.weights > 0] @ costs)
+    @property
+    def counted(self) -> np.ndarray:
+        """Numbers of the instants that have a weight (k,)."""
+        return np.flatnonzero(self.weights)
 
-    def value(self, covariances: np.ndarray) -> float:
-        """Return the cost of covariances (N, n, n)."""
-        instants = np.flatnonzero(self.weights)
-        block = covariances[np.ix_(instants, self.about, self.about)] / self.scale[:, None] / self.scale
-        costs = self.criterion.covariance_cost(block)
-        return float(costs.max()) if self.is_worst else float(self.weights[instants] @ costs)
+    def each_from_roots(self, roots: np.ndarray) -> np.ndarray:
+        """Return what each of the instants that have a weight adds (k,), from roots B (k, n, m) of their covariances B B'."""
+        block = roots[:, self.about] / self.scale[:, None]
+        return self.weights[self.counted] * self.criterion.covariance_cost_of_root(block)
+
+    def each(self, covariances: np.ndarray) -> np.ndarray:
+        """Return what each of the instants that have a weight adds (k,), of covariances (N, n, n)."""
+        block = covariances[np.ix_(self.counted, self.about, self.about)] / self.scale[:, None] / self.scale
+        return self.weights[self.counted] * self.criterion.covariance_cost(block)
+
+    def together(self, each: np.ndarray) -> float:
+        """Return the cost of instants that add (k,)."""
+        return float(each.max()) if self.is_worst else float(each.sum())
+
+    def by_segment(self, each: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+        """Return the cost (K,) of segments between nodes (K+1,) of which the instants that have a weight add (k,)."""
+        costs = np.full(len(nodes) - 1, -np.inf if self.is_worst else 0.0)
+        combine = np.maximum if self.is_worst else np.add
+        combine.at(costs, np.searchsorted(nodes, self.counted, side="right") - 1, each)
+        return costs

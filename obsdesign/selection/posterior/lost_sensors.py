@@ -6,18 +6,37 @@ without one set is a bound. What one set leaves may be chosen best for that set 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import comb
 
 import numpy as np
 
+from obsdesign.errors import InputError
 from obsdesign.selection.posterior.bounded_search import Answer, search
+from obsdesign.selection.posterior.deadline import Deadline
+from obsdesign.selection.posterior.filter_certificate import (
+    TIME_WAS_UP,
+    accuracy_for,
+    certified_bound,
+    certify,
+    status_of_gap,
+    with_note,
+)
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
+from obsdesign.selection.posterior.formulation import problem_of
 from obsdesign.selection.posterior.options import Options
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.questions import FilterQuestion
+from obsdesign.selection.posterior.trellis import best_by_key
+from obsdesign.status import Status
 
 _MAX_SWEEPS = 2  # over all segments, of each width
+_MAX_SETS = 500  # of sensors that may be lost together
 _MAX_TRELLIS = 1024  # partial schedules of a trellis
+_MAX_STEPS = 500_000  # of one trellis, and of one sweep of exchanges: simulated in all, for all losses
+_OF_EACH = 0.6  # of the time left: what searches for one loss each may take, the rest is for schedules for all
 _MAX_PAIRS = 2000  # changes of two segments in a row: K A^2 at most
 _MEANS = (0.0, 0.3, 1.0)  # of the mean over the losses: how partial schedules are compared beside the largest cost
 _AHEAD = 10  # segments: how far a changed choice is followed before it is judged in full
@@ -33,20 +52,58 @@ class LostSet:
 
 
 def questions_without(question: FilterQuestion, robust_to: int) -> list[FilterQuestion]:
-    """Return the question without the samples of each set of so many sensors."""
+    """Return the question without the samples of each set of so many sensors; raise InputError where these are too many."""
     sensors = np.arange(question.arrivals.shape[1])
+    count = comb(len(sensors), robust_to)
+    if count > _MAX_SETS:
+        raise InputError(f"robust_to is {robust_to}: {count} sets of {len(sensors)} sensors may be lost, at most {_MAX_SETS} are accepted")
     works = [~np.isin(sensors, lost) for lost in combinations(sensors, robust_to)]
     return [replace(question, arrivals=question.arrivals * mask) for mask in works]
 
 
-def answer_without(question: FilterQuestion, problem: PosteriorProblem, gap: float, time_limit: float | None) -> LostSet:
-    """Return what the problem without a set of sensors comes to by itself."""
-    is_relative = question.costs.criterion.gap_kind == "relative"
-    return LostSet(question, problem, search(problem, gap, is_relative, time_limit))
+def solve_for_losses(
+    sets: list[FilterQuestion], problem: PosteriorProblem, *, gap: float, deadline: Deadline, starts: Sequence[np.ndarray]
+) -> FilterSchedule | None:
+    """Return the schedule for the worst of the questions without a set of sensors, compared with nothing; None: none keeps the limits.
+
+    problem: with all sensors, of which the rules count; starts: walks (K,) to be no worse than.
+    """
+    lost_sets = _search_each(sets, problem, gap, starts)
+    nodes = best_for_all(lost_sets, problem.deadline)
+    if nodes is None:
+        return None
+    chosen = problem.options.chosen(nodes)
+    values = [part.schedule_cost(chosen) + problem.switching(nodes) for part in sets]
+    bounds = [
+        certified_bound(lost.question, lost.answer.bound, value, lost.problem.walk(nodes).value)
+        for lost, value in zip(lost_sets, values, strict=False)
+    ]
+    worst, bound = int(np.argmax(values)), max(bounds)
+    is_searched, is_cut = worst < len(lost_sets), problem.deadline.is_over
+    own = lost_sets[worst].problem if is_searched else problem
+    answer = lost_sets[worst].answer if is_searched else Answer(None, -np.inf, "nothing")
+    record = certify(sets[worst], replace(own, deadline=deadline), own.walk(nodes), answer, gap=gap)
+    remaining = sets[worst].gap_between(record.value, bound)
+    by = f"one loss of {len(sets)} at a time, {lost_sets[int(np.argmax(bounds))].answer.bound_by}"
+    record = replace(record, bound=bound, gap=remaining, status=status_of_gap(remaining, gap), bound_by=by)
+    return with_note(record, TIME_WAS_UP) if is_cut and record.status is Status.GAP_OPEN else record
 
 
-def best_for_all(lost_sets: list[LostSet]) -> np.ndarray | None:
-    """Return the nodes (K,) of the schedule whose worst loss costs least, of all that were looked at.
+def _search_each(sets: list[FilterQuestion], problem: PosteriorProblem, gap: float, starts: Sequence[np.ndarray]) -> list[LostSet]:
+    """Return what the problem without each set of sensors comes to by itself, with its share of the work and of the time."""
+    done = []
+    for i, question in enumerate(sets):
+        if done and problem.deadline.is_over:
+            break
+        part = problem_of(question, problem.options, problem.deadline.share(_OF_EACH / (len(sets) - i)))
+        least_costs = question.least_costs(problem.options.may_be_on)
+        answer = search(part, accuracy_for(gap), question.is_relative, starts, least_costs, share=1 / len(sets))
+        done.append(LostSet(question, part, answer))
+    return done
+
+
+def best_for_all(lost_sets: list[LostSet], deadline: Deadline) -> np.ndarray | None:
+    """Return the nodes (K,) of the schedule whose worst loss costs least, of all that were looked at until a deadline.
 
     Begins with those that were found for one set alone and with those of trellises for all, and exchanges the choices of one segment, or
     of two that follow each other, at a time. None where no schedule keeps the limits.
@@ -55,14 +112,30 @@ def best_for_all(lost_sets: list[LostSet]) -> np.ndarray | None:
     starts = [lost.answer.walk.nodes for lost in lost_sets if lost.answer.walk is not None]
     if not starts:
         return None
-    depths = [depth for depth in (1, 2, 3) if depth == 1 or len(problems[0].options.pattern_of_node) ** depth <= _MAX_TRELLIS]
-    starts += [nodes for depth in depths for mean in _MEANS for nodes in follow_worst(problems, depth, mean)]
-    walks = [_walk_all(problems, nodes) for nodes in starts]
+    walks = [_walk_all(problems, nodes) for nodes in _different([*starts, *_trellises(problems, deadline)])]
     best = min((walk for walk in walks if problems[0].is_feasible(walk[0])), key=_worst)
-    for width in (1, 2) * _MAX_SWEEPS:
-        if width == 1 or problems[0].segments * len(problems[0].options.pattern_of_node) ** 2 <= _MAX_PAIRS:
-            best = _sweep(problems, best, width)
+    changes = problems[0].segments * len(problems[0].options.pattern_of_node)
+    widths = (1, 2) if changes * len(problems[0].options.pattern_of_node) <= _MAX_PAIRS else (1,)
+    if changes * len(problems) * _AHEAD > _MAX_STEPS:
+        return best[0].nodes
+    for width in widths * _MAX_SWEEPS:
+        best = _sweep(problems, best, width, deadline)
     return best[0].nodes
+
+
+def _different(walks: list[np.ndarray]) -> list[np.ndarray]:
+    return list({nodes.tobytes(): nodes for nodes in walks}.values())
+
+
+def _trellises(problems: list[PosteriorProblem], deadline: Deadline) -> Iterator[np.ndarray]:
+    """Yield the nodes (K,) of trellises for all losses at once, deeper and deeper ones."""
+    nodes = len(problems[0].options.pattern_of_node)
+    width = max(1, int(_MAX_STEPS / (problems[0].segments * nodes * len(problems))))
+    for depth in (1, 2, 3):
+        for mean in _MEANS:
+            if deadline.is_over or (depth > 1 and nodes**depth > _MAX_TRELLIS):
+                return
+            yield from follow_worst(problems, depth, mean, width, deadline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +157,11 @@ class _LossWalks:
         return self.costs.max(axis=0) + mean * self.costs.mean(axis=0) + (1 + mean) * self.switching
 
 
-def follow_worst(problems: list[PosteriorProblem], depth: int, mean: float) -> list[np.ndarray]:
-    """Return the nodes (K,) that keeping the best for each choice of the last `depth` segments ends with; none at a dead end."""
+def follow_worst(problems: list[PosteriorProblem], depth: int, mean: float, width: int, deadline: Deadline) -> list[np.ndarray]:
+    """Return the nodes (K,) that keeping the best for each choice of the last `depth` segments ends with; none at a dead end.
+
+    Of more than `width` the best are kept, one from when the deadline is over.
+    """
     first, nodes = problems[0], len(problems[0].options.pattern_of_node)
     P0 = np.array([problem.P0[:, :, None] for problem in problems])
     costs = np.full((len(problems), 1), -np.inf if first.is_worst else 0.0)
@@ -93,8 +169,7 @@ def follow_worst(problems: list[PosteriorProblem], depth: int, mean: float) -> l
     for k in range(first.segments):
         walks = _step(problems, walks, k)
         key = walks.choices[:, -depth:] @ nodes ** np.arange(min(depth, k + 1))
-        order = np.lexsort((walks.score(mean), key))
-        walks = walks.only(order[np.diff(key[order], prepend=-1) > 0])
+        walks = walks.only(best_by_key(key, walks.score(mean), 1 if deadline.is_over else width))
     return [walks.choices[int(walks.score(0.0).argmin())]] if len(walks.choices) else []
 
 
@@ -124,9 +199,11 @@ def _worst(walks: list[Walk]) -> float:
     return max(walk.value for walk in walks)
 
 
-def _sweep(problems: list[PosteriorProblem], walks: list[Walk], width: int) -> list[Walk]:
+def _sweep(problems: list[PosteriorProblem], walks: list[Walk], width: int, deadline: Deadline) -> list[Walk]:
     """Return the walks after the choices of every `width` segments in a row were changed to the best of those that fit."""
     for k in range(problems[0].segments - width + 1):
+        if deadline.is_over:
+            break
         changes = _alternatives(problems[0].options, walks[0].nodes, k, width)
         costs = np.max([_estimate(problem, walk, k, changes) for problem, walk in zip(problems, walks, strict=True)], axis=0)
         changed = walks[0].nodes.copy()

@@ -17,8 +17,8 @@ class Options:
     """A schedule is a walk through A nodes, one per segment: a pattern of sensors and how long each still has to stay on.
 
     patterns (P, S) bool; pattern_of_node (A,); allowed (K, A) bool; follows (A, A) bool, from row to column; may_start (A,) bool;
-    switch_ons (A + 1, A, S) bool: which sensors a step switches on, in the last row the first step; switching (S,): what
-    each switching-on costs; resources: what is limited in sum.
+    on_before (S,) bool: what was on before the first segment; switching (S,): what each switching-on costs; resources: what is
+    limited in sum.
     """
 
     patterns: np.ndarray
@@ -26,7 +26,7 @@ class Options:
     allowed: np.ndarray
     follows: np.ndarray
     may_start: np.ndarray
-    switch_ons: np.ndarray
+    on_before: np.ndarray
     switching: np.ndarray
     resources: tuple[Resource, ...]
 
@@ -38,18 +38,26 @@ class Options:
     @cached_property
     def switching_costs(self) -> np.ndarray:
         """What a step from node to node costs (A + 1, A), the first step in the last row."""
-        return self.switch_ons @ self.switching
+        return self._of_switch_ons(self.switching)
 
     @cached_property
     def usage(self) -> np.ndarray:
         """How much a node takes of each resource in each segment (R, K, A), its switching-ons left out."""
-        on = self.patterns[self.pattern_of_node].astype(float)
+        on = self._is_on.astype(float)
         return np.array([resource.usage @ on.T for resource in self.resources]).reshape(-1, *self.allowed.shape)
+
+    @property
+    def _is_on(self) -> np.ndarray:
+        return self.patterns[self.pattern_of_node]
+
+    def _of_switch_ons(self, cost: np.ndarray) -> np.ndarray:
+        """Return what steps (A + 1, A) take that take so much (S,) for each sensor that they switch on."""
+        return (~np.vstack([self._is_on, self.on_before]) * cost) @ self._is_on.T
 
     @cached_property
     def start_usage(self) -> np.ndarray:
         """How much a step takes of each resource for what it switches on (R, A + 1, A)."""
-        return np.array([self.switch_ons @ resource.start for resource in self.resources]).reshape(-1, *self.switching_costs.shape)
+        return np.array([self._of_switch_ons(resource.start) for resource in self.resources]).reshape(-1, *self.switching_costs.shape)
 
     @cached_property
     def limits(self) -> np.ndarray:
@@ -61,6 +69,11 @@ class Options:
     def is_linked(self) -> bool:
         """Whether a segment's choice bears on others but for what the filter knows."""
         return bool(len(self.resources) or self.switching.any() or not self.follows.all())
+
+    @property
+    def may_be_on(self) -> np.ndarray:
+        """Which sensors are on under any choice (K, S)."""
+        return (self.allowed.astype(float) @ self.patterns[self.pattern_of_node]) > 0
 
     def chosen(self, nodes: np.ndarray) -> np.ndarray:
         """Return the schedule (K, S) of a walk (K,)."""
@@ -116,13 +129,12 @@ def _options_of(
     nodes = np.flatnonzero(pattern_of_node >= 0)  # nothing on may be no pattern of the rules
     states, pattern_of_node, follows = chain.states[nodes], pattern_of_node[nodes], follows[np.ix_(nodes, nodes)]
     is_on, before = states >= 0, np.zeros(states.shape[1], dtype=bool) if on_before is None else on_before
-    switch_ons = ~np.vstack([is_on, before])[:, None, :] & is_on[None]
     may_start = (np.where(before, 0, chain.dwell - 1) == states).astype(bool) | ~is_on  # what was on before has been on for long enough
     allowed_patterns = np.asarray(~(patterns[None] & ~chain.available[:, None, :]).any(axis=2))
     if answers is not None:
         allowed_patterns = _undominated(patterns, allowed_patterns, answers)
     return Options(
-        patterns, pattern_of_node, allowed_patterns[:, pattern_of_node], follows, may_start.all(axis=1), switch_ons, switching, resources
+        patterns, pattern_of_node, allowed_patterns[:, pattern_of_node], follows, may_start.all(axis=1), before, switching, resources
     )
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from obsdesign.selection.posterior.ceiling import ceilings
+from obsdesign.selection.posterior.deadline import NEVER, Deadline
 from obsdesign.selection.posterior.options import Options
 from obsdesign.selection.posterior.segment_maps import SegmentMaps
 
@@ -38,7 +39,7 @@ class PosteriorProblem:
     cost: the sum of the segments' costs, or the largest where is_worst, plus what switching costs. maps: one per segment; P0 (n, n):
     the covariance before the first samples. purchase: None, or nodes cost what it says, and what the maps add up is limited as resources
     are. A stretch of a run is a problem of its own, with ceilings of the run: no schedule of the
-    run costs less in the stretch than the best of its own, begun at the ceiling with any choice.
+    run costs less in the stretch than the best of its own, begun at the ceiling with any choice. Methods stop soon after the deadline.
     """
 
     maps: SegmentMaps
@@ -47,6 +48,7 @@ class PosteriorProblem:
     is_worst: bool
     purchase: Purchase | None = None
     known_ceilings: np.ndarray | None = None
+    deadline: Deadline = NEVER
 
     @property
     def segments(self) -> int:
@@ -56,7 +58,7 @@ class PosteriorProblem:
     @cached_property
     def ceilings(self) -> np.ndarray:
         """Covariances (K, n, n) before each segment that no schedule is below."""
-        return ceilings(self.maps, self.options, self.P0) if self.known_ceilings is None else self.known_ceilings
+        return ceilings(self.maps, self.options, self.P0, self.deadline) if self.known_ceilings is None else self.known_ceilings
 
     def stretch(self, first: int, last: int, free: int) -> PosteriorProblem:
         """Return the problem of segments first..last - 1, of which the first `free` cost nothing; limits in sum are left out."""
@@ -65,7 +67,7 @@ class PosteriorProblem:
         options = replace(options, allowed=options.allowed[first:last], may_start=may_start, resources=())
         P0 = self.ceilings[first]
         maps, known = self.maps.stretch(first, last, free), self.ceilings[first:last]
-        return PosteriorProblem(maps, options, P0, self.is_worst, known_ceilings=known)
+        return PosteriorProblem(maps, options, P0, self.is_worst, known_ceilings=known, deadline=self.deadline)
 
     @property
     def limits(self) -> np.ndarray:
@@ -92,8 +94,7 @@ class PosteriorProblem:
             covariances[k] = P[:, :, 0]
             cost, taken, P = self.advance(k, np.array([before]), np.array([node]), P)
             costs[k], amounts = cost[0], amounts + taken
-        total = float(costs.max() if self.is_worst else costs.sum()) + float(amounts[0, 0])
-        return Walk(nodes, total, costs, amounts[1:, 0], covariances)
+        return Walk(nodes, self.total(costs) + float(amounts[0, 0]), costs, amounts[1:, 0], covariances)
 
     def switching(self, nodes: np.ndarray) -> float:
         """Return what the switching-ons of a walk cost."""
@@ -107,6 +108,10 @@ class PosteriorProblem:
     def is_feasible(self, walk: Walk) -> bool:
         """Whether a walk keeps the limits of all resources."""
         return bool((walk.usage <= self.limits).all())
+
+    def total(self, costs: np.ndarray) -> float:
+        """Return the cost of stretches with costs (k,), one at least, together."""
+        return float(costs.max() if self.is_worst else costs.sum())
 
     def combine(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """Return the cost of two stretches together."""

@@ -35,7 +35,7 @@ class FilterQuestion:
     nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on;
     unknown_spread: how many of the prior's deviations an unknown input moves some state by in a step, in place of any distance; floors
     (S,): what the mean error of a sensor within a segment never falls below, 0 = nothing, which counts where schedules are chosen;
-    unknown_error: the share of a cost by which that spread puts it wrong.
+    unknown_error: the share of a cost by which that spread puts it wrong. notes: what is said of all this in the answer.
     """
 
     system: AbstractSystem
@@ -49,6 +49,7 @@ class FilterQuestion:
     floors: np.ndarray
     unknown_spread: float = UNKNOWN_SPREADS[0]
     unknown_error: float = 0.0
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def segments(self) -> Segments:
@@ -63,15 +64,39 @@ class FilterQuestion:
     @cached_property
     def linear_model(self) -> LinearModel:
         """The model along the path; unknown inputs get a large variance in place of an infinite one, so that bounds stay below."""
-        model = linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals).with_floors(self.floors, self.nodes)
+        return self.model_with(self.unknown_spread)
+
+    def model_with(self, unknown_spread: float) -> LinearModel:
+        """Return the model along the path with so large a spread of unknown inputs."""
+        model = self._known_model
         deviations = np.sqrt(np.diag(model.initial_covariance))
         size = np.abs(model.unknown_columns / deviations[:, None]).max(axis=(0, 1), initial=0.0)
-        return model.with_unknown_inputs((self.unknown_spread / np.where(size > 0, size, 1.0)) ** 2)
+        return model.with_unknown_inputs((unknown_spread / np.where(size > 0, size, 1.0)) ** 2)
+
+    @cached_property
+    def _known_model(self) -> LinearModel:
+        """The model along the path in which unknown inputs are 0."""
+        return linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals).with_floors(self.floors, self.nodes)
 
     @property
     def answers(self) -> np.ndarray:
         """Which sensors have a sample at all in a segment (K, S)."""
         return np.add.reduceat(self.arrivals, self.nodes[:-1], axis=0) > 0
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether gaps are shares of the cost."""
+        return self.costs.criterion.gap_kind == "relative"
+
+    def gap_between(self, value: float, bound: float) -> float:
+        """Return how far a cost may be from the best: 1 - bound / value, or the difference of log dets."""
+        if not self.is_relative:
+            return value - bound
+        return 1 - bound / value if value else 0.0
+
+    def least_costs(self, may_be_on: np.ndarray) -> np.ndarray:
+        """Return what no schedule is below in each segment (K,): the cost with all sensors on that may be (K, S)."""
+        return self.costs.by_segment(self.instant_costs(may_be_on), self.nodes)
 
     def active(self, chosen: np.ndarray) -> np.ndarray:
         """Return which samples a schedule (K, S) has (N, S)."""
@@ -91,12 +116,30 @@ class FilterQuestion:
 
         inf where a state asked about is hidden at an instant that counts.
         """
-        if self.floors.any():  # posterior_information has none
-            return self.costs.value(self.linear_model.covariances(self.active(chosen)))
-        counted = self.roots(chosen)[self.costs.weights > 0]
-        if not np.isfinite(deviations_of_roots(counted)[:, self.costs.about]).all():
-            return float("inf")
-        return self.costs.value_from_roots(_inverse_roots(counted))
+        return self.costs.together(self.instant_costs(chosen))
+
+    def rating(self, chosen: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return `schedule_cost` and `deviations` of a schedule (K, S)."""
+        roots = self.roots(chosen)
+        deviations = deviations_of_roots(roots)
+        each = self._costs_with_floors(chosen) if self.floors.any() else self._costs_of_roots(roots, deviations)
+        return self.costs.together(each), deviations
+
+    def instant_costs(self, chosen: np.ndarray) -> np.ndarray:
+        """Return what each instant that counts adds to the cost of a schedule (k,); inf where a state asked about is hidden."""
+        if self.floors.any():
+            return self._costs_with_floors(chosen)
+        roots = self.roots(chosen)
+        return self._costs_of_roots(roots, deviations_of_roots(roots))
+
+    def _costs_with_floors(self, chosen: np.ndarray) -> np.ndarray:  # posterior_information has none
+        return self.costs.each(self.linear_model.covariances(self.active(chosen)))
+
+    def _costs_of_roots(self, roots: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+        counted = roots[self.costs.counted]
+        is_seen = np.isfinite(deviations[self.costs.counted][:, self.costs.about]).all(axis=1)
+        counted[~is_seen] = np.eye(counted.shape[1])
+        return np.where(is_seen, self.costs.each_from_roots(_inverse_roots(counted)), np.inf)
 
 
 def deviations_of_roots(R: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import require_count, require_known, require_positive, require_within
+from obsdesign.checks import require_count, require_known, require_within
 from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.answering_system import AnsweringSystem
@@ -17,12 +17,14 @@ from obsdesign.dynamics.simulation import simulate
 from obsdesign.errors import InputError, SolveError
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.posterior.filter_certificate import failed_schedule
+from obsdesign.selection.posterior.deadline import deadline_after, require_time_limit
+from obsdesign.selection.posterior.filter_certificate import schedule_without_answer
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import solve_question
-from obsdesign.selection.posterior.formulation import problem_of, settle_unknown_inputs
+from obsdesign.selection.posterior.formulation import formulate
 from obsdesign.selection.posterior.options import Options, build_options
 from obsdesign.selection.posterior.questions import FilterSettings, build_question
+from obsdesign.selection.posterior.rival_walks import greedy_walk
 from obsdesign.status import Status
 
 
@@ -72,9 +74,10 @@ def select_next(
         on: names of the sensors that are on now: to keep them on is no switching-on.
         waiting: names of sensors that were switched on and have not answered yet: they stay on for the first segment.
         gap: how near to the best the schedule is to be proven, as a share of the cost (a difference for LogDet()).
-        time_limit: stops with what there is [s]; None = never.
+        time_limit: the call ends about then [s], with what there is; None = never.
     """
     try:
+        deadline = deadline_after(require_time_limit(time_limit))
         settings = FilterSettings(
             segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active=None, floor=floor
         )
@@ -82,18 +85,17 @@ def select_next(
         answering = AnsweringSystem(system, _answer_shares(system, answer_share))
         require_count("per_segment", per_segment, maximum=len(system.model.channels))
         require_within("gap", gap)
-        if time_limit is not None:
-            require_positive("time_limit", time_limit)
         question = build_question(answering, path, belief, settings)
         sensors_on, sensors_waiting = _mask(system, "on", on), _mask(system, "waiting", waiting)
         options = build_options(tuple(rules), per_segment, question.segments, question.answers, sensors_on | sensors_waiting)
         options = _stay_on(options, sensors_waiting)
-        question = settle_unknown_inputs(question, options)
-        return solve_question(question, problem_of(question, options), gap=gap, time_limit=time_limit)
+        question, problem = formulate(question, options, deadline)
+        starts = [nodes for _, nodes in greedy_walk(problem)]
+        return solve_question(question, problem, gap=gap, deadline=deadline, starts=starts)
     except Exception as error:  # noqa: BLE001  # in flight a status is better than a traceback, whatever went wrong
         names = system.model.sensor_names if isinstance(system, AbstractSystem) else ()
         status = error.status if isinstance(error, SolveError) else Status.NUMERICAL_ERROR
-        return failed_schedule(names, np.zeros(1), 0, 0, status, str(error) or type(error).__name__)
+        return schedule_without_answer(names, np.zeros(1), 0, 0, status, str(error) or type(error).__name__)
 
 
 def _answer_shares(system: AbstractSystem, answer_share: Mapping[str, float] | None) -> tuple[float, ...]:

@@ -15,10 +15,18 @@ _FORGOTTEN = 1e-3  # share of what a choice changes in the covariance at first b
 
 @dataclass(frozen=True, eq=False)
 class SensorPrices:
-    """prices (K, S): the cost without a sensor less that with it, all else as chosen; memory: segments until half of that is forgotten."""
+    """prices (K, S): the cost without a sensor less that with it, all else as chosen; memory: segments until half of that is forgotten.
+
+    NaN where there was no time for them.
+    """
 
     prices: np.ndarray
     memory: float
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is missing, in words."""
+        return ("time was up: what each sensor is worth was not computed",) if np.isnan(self.memory) else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +47,8 @@ class _Changes:
 
 def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Walk) -> SensorPrices:
     """Return what each sensor in each segment is worth, and the memory; each change is followed until it is forgotten."""
+    if problem.deadline.is_over:
+        return _no_prices(question)
     chosen = problem.options.chosen(walk.nodes)
     K, S = chosen.shape
     changed = chosen[:, None, :] ^ np.eye(S, dtype=bool)
@@ -52,6 +62,8 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
     cost, half = np.full((K, K * S), np.nan) if problem.is_worst else np.zeros(K * S), np.full(K * S, np.inf)
     followed = _Changes(np.zeros(0, dtype=int), np.zeros((n, n, 0)), np.zeros(0))
     for k in range(K):
+        if problem.deadline.is_over:
+            return _no_prices(question)
         after = (
             walk.covariances[k + 1]
             if k + 1 < K
@@ -75,6 +87,10 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
         cost = np.fmax(np.where(np.isnan(cost), walk.costs[:, None], cost).max(axis=0), -np.inf) - walk.costs.max()
     sign = np.where(chosen, 1.0, -1.0)
     return SensorPrices(sign * cost.reshape(K, S), _median_of(half.reshape(K, S)[chosen & question.answers]))
+
+
+def _no_prices(question: FilterQuestion) -> SensorPrices:
+    return SensorPrices(np.full(question.answers.shape, np.nan), float("nan"))
 
 
 def _median_of(half: np.ndarray) -> float:

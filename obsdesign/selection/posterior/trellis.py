@@ -72,7 +72,8 @@ def successors(problem: PosteriorProblem, walks: PartialWalks, k: int, rest: np.
 def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, width: int) -> Walk | None:
     """Return the walk that keeping the best for every choice of the last `depth` segments ends with; None where none keeps the limits.
 
-    prices (R,): what a unit of each resource counts while partial schedules are compared; of more than `width` the best are kept.
+    prices (R,): what a unit of each resource counts while partial schedules are compared; of more than `width` the best are kept,
+    one from when the deadline is over.
     """
     options, rest = problem.options, smallest_rest(problem)
     parents, choices, key, walks = [], [], np.zeros(1, dtype=np.int64), start_of(problem, 1)
@@ -85,7 +86,7 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, wi
         walks = walks.advance(steps, np.arange(len(cost)), cost, switching, P, problem.is_worst)
         score = walks.value(problem.is_worst) + prices @ walks.usage + (_TIE_BREAK * cost if problem.is_worst else 0.0)
         key = (key[steps.parent] * len(options.pattern_of_node) + steps.node) % len(options.pattern_of_node) ** depth
-        best = _best_by_key(key, score, width)
+        best = best_by_key(key, score, 1 if problem.deadline.is_over else width)
         parents.append(steps.parent[best])
         choices.append(steps.node[best])
         key = key[best]
@@ -93,9 +94,15 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, wi
     return problem.walk(_backtrack(parents, choices, int(walks.value(problem.is_worst).argmin())))
 
 
-def _best_by_key(key: np.ndarray, score: np.ndarray, width: int) -> np.ndarray:
+def first_by_key(key: np.ndarray, score: np.ndarray) -> np.ndarray:
+    """Return the place of the lowest score (B,) for each key (B,) >= 0, by key."""
     order = np.lexsort((score, key))
-    best = order[np.concatenate([[True], np.diff(key[order]) > 0])]
+    return order[np.diff(key[order], prepend=-1) > 0]
+
+
+def best_by_key(key: np.ndarray, score: np.ndarray, width: int) -> np.ndarray:
+    """Return the place of the lowest score (B,) for each key (B,), by key; of more than `width` the lowest."""
+    best = first_by_key(key, score)
     return best if len(best) <= width else np.sort(best[np.argsort(score[best], kind="stable")[:width]])
 
 

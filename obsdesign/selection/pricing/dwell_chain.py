@@ -106,15 +106,15 @@ class DwellChain(AbstractSchedules):
     @cached_property
     def transitions(self) -> np.ndarray:
         """The state (Q, P) that a pattern leads to; Q where it switches off too early."""
-        states = self.states
-        index = {tuple(state): i for i, state in enumerate(states.tolist())}
-        after = np.where(states[:, None, :] >= 0, np.maximum(states[:, None, :] - 1, 0), self.dwell - 1)  # if on
-        after = np.where(self.patterns[None], after, -1)
-        early = (~self.patterns[None] & (states[:, None, :] > 0)).any(axis=2)
-        table = np.full(early.shape, len(states))
-        for q, p in np.argwhere(~early):
-            table[q, p] = index[tuple(after[q, p].tolist())]
-        return table
+        after = np.where(self.states >= 0, np.maximum(self.states - 1, 0), self.dwell - 1)  # if on
+        is_early = (self.states > 0).astype(float) @ ~self.patterns.T > 0
+        # the states of a pattern stand one after the other, counted by what is left, of its last sensor fastest
+        choices = np.where(self.patterns, self.dwell, 1)
+        strides = np.cumprod(np.hstack([choices, np.ones((len(choices), 1), dtype=int)])[:, :0:-1], axis=1)[:, ::-1]
+        is_something = self.patterns.any(axis=1)
+        counts = np.where(is_something, choices.prod(axis=1), 0)
+        first = np.where(is_something, 1 + np.cumsum(counts) - counts, 0)
+        return np.where(is_early, len(self.states), first + after @ np.where(self.patterns, strides, 0).T)
 
     @cached_property
     def switch_ons(self) -> np.ndarray:
