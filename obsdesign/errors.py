@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
 
 from obsdesign.status import Status
@@ -36,7 +37,19 @@ class InputError(ObsdesignError, ValueError):
 
 
 class ScenarioError(ObsdesignError):
-    """A scenario file cannot be used; the message names the key, the value and what is accepted."""
+    """A scenario file cannot be used; the message names the key, the value and what is accepted.
+
+    problems: the same for a machine, one mapping for each thing that is wrong: line (from 1, None where the file has none), key, value,
+    message, accepted (names, empty where they cannot be listed), nearest (the accepted name that is nearly the one given, or None).
+    """
+
+    def __init__(self, message: str, problems: tuple[Mapping[str, object], ...] = ()) -> None:
+        super().__init__(message)
+        self.message = message
+        self.problems = problems
+
+    def __reduce__(self) -> tuple[type, tuple[str, tuple[Mapping[str, object], ...]]]:
+        return type(self), (self.message, self.problems)
 
     @property
     def exit_code(self) -> ExitCode:

@@ -271,7 +271,7 @@ BAD_INPUT = {
         ["selection.rules", "no sensor that may be on in segment 3 and 1 more"],
     ),
     "paths and a design": (*table('[[paths]]\nname = "line"\nlegs = [{ seconds = 120.0 }]'), ["paths", "designed or given"]),
-    "syntax error": ("[vehicle]", "[vehicle", ["not valid TOML", "line 10", "column 9"]),
+    "syntax error": ("[vehicle]", "[vehicle", ["not valid TOML", "line 11", "column 9"]),
 }
 
 

@@ -7,13 +7,13 @@ import os
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NoReturn
 
 from obsdesign.cli.parser import build_parser
 from obsdesign.cli.table import VERBS
 from obsdesign.cli.verb import Outcome, Verb
-from obsdesign.errors import ExitCode, ObsdesignError
+from obsdesign.errors import ExitCode, ObsdesignError, ScenarioError
 from obsdesign.interrupts import Interrupts
 
 
@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None, verbs: Sequence[Verb] = VERBS) 
             code = ExitCode.INTERRUPTED
         elif isinstance(error, ObsdesignError):
             code = error.exit_code
-            _print_error(str(error), code, as_json)
+            _print_error(str(error), code, as_json, error.problems if isinstance(error, ScenarioError) else ())
         else:  # a fault of ours: never exit code 1, which is an answer of the study
             code = ExitCode.SOLVER_FAILED
             traceback.print_exc()
@@ -64,7 +64,7 @@ def _print_for_people(shown: tuple[object, ...]) -> None:
             Console(highlight=False, soft_wrap=True).print(part)
 
 
-def _print_error(message: str, code: ExitCode, as_json: bool) -> None:
+def _print_error(message: str, code: ExitCode, as_json: bool, problems: Sequence[Mapping[str, object]] = ()) -> None:
     print(f"obsdesign: {message}", file=sys.stderr)
     if as_json:
-        print(json.dumps({"error": message, "exit_code": int(code)}))
+        print(json.dumps({"error": message, "exit_code": int(code), "problems": problems}, default=str))

@@ -1,8 +1,9 @@
-"""Folders that a command writes to."""
+"""Files and folders that a command reads and writes."""
 
 from __future__ import annotations
 
 import os
+import tomllib
 from pathlib import Path
 
 from obsdesign.errors import InputError
@@ -13,3 +14,26 @@ def require_writable(folder: Path) -> None:
     existing = next(folder_or_parent for folder_or_parent in (folder.absolute(), *folder.absolute().parents) if folder_or_parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"--out {folder}: {existing} is no folder that can be written to")
+
+
+def scenario_file(given: Path | None) -> Path:
+    """Return the scenario that is given, or the one in this folder. Raises InputError where there is none, or several."""
+    if given is not None:
+        return given
+    files = [file for file in sorted(Path().glob("*.toml")) if _is_scenario(file)]
+    if not files:
+        raise InputError("there is no scenario in this folder: name one, or let `obsdesign init` write one")
+    if len(files) > 1:
+        raise InputError(f"there are {len(files)} scenarios in this folder: name one of {', '.join(map(str, files))}")
+    return files[0]
+
+
+def _is_scenario(file: Path) -> bool:
+    """Whether a TOML file has what every scenario has; one that is not TOML may be a scenario with a mistake."""
+    try:
+        data = tomllib.loads(file.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError:
+        return True
+    except (OSError, UnicodeDecodeError):
+        return False
+    return "vehicle" in data or "sensors" in data

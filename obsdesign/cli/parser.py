@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NoReturn
 
 from obsdesign import __version__
@@ -88,8 +88,15 @@ class _Completion(argparse.Action):
 def _nearest_word(message: str, parser: argparse.ArgumentParser) -> str:
     """Return "; did you mean ...?" where the message quotes a word that is nearly one of those that are accepted."""
     quoted = re.search(r"invalid choice: '([^']*)'|unrecognized arguments: (\S+)", message)
-    if quoted is None:
-        return ""
-    choices = [str(choice) for action in parser._actions for choice in (*(action.choices or ()), *action.option_strings)]
-    near = difflib.get_close_matches(quoted[1] or quoted[2], choices, n=1)
+    near = () if quoted is None else difflib.get_close_matches(quoted[1] or quoted[2], _words(parser), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _words(parser: argparse.ArgumentParser) -> Iterator[str]:
+    """Yield all options and choices of a parser, those of its verbs included."""
+    for action in parser._actions:
+        yield from action.option_strings
+        yield from map(str, action.choices or ())
+        if isinstance(action, argparse._SubParsersAction):
+            for verb in action.choices.values():
+                yield from _words(verb)

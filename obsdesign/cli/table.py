@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, run, schema, select
+from obsdesign.cli.verbs import check, init, run, schema, select
 
 VERBS: tuple[Verb, ...] = (
+    init.VERB,
     check.VERB,
     schema.VERB,
     run.VERB,

@@ -76,7 +76,7 @@ def whole_number_type(minimum: int) -> Callable[[str], int]:
 JSON = Argument("--json", "print one JSON object on stdout", is_flag=True)
 QUIET = Argument("--quiet", "print nothing when all is well", is_flag=True)
 SEED = Argument("--seed", "overrides the scenario's seed", read=whole_number_type(0), variable="NUMBER")
-SCENARIO = Argument("scenario", "TOML file", read=Path, completes="files")
+SCENARIO = Argument("scenario", "TOML file (default: the scenario in this folder)", read=Path, completes="files", may_miss=True)
 
 
 def out_argument(what: str) -> Argument:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from pathlib import Path
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.errors import InputError
 from obsdesign.exchange.schedule_csv import schedule_csv
 from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.files import write_files
 from obsdesign.report.derived_quantities import segment_nodes
 from obsdesign.report.document import Result
 from obsdesign.report.html import page_of
@@ -28,7 +27,6 @@ def write_report(folder: str | Path, study: Study) -> Result:
         study: the study, as run returns it.
     Raises InputError for a folder that cannot be written.
     """
-    folder = Path(folder)
     result = document_of(study)
     contents = {
         "report.html": page_of(study),
@@ -36,15 +34,7 @@ def write_report(folder: str | Path, study: Study) -> Result:
         "trajectory.csv": trajectory_csv(study.scenario.system, study.main.path),
         "schedule.csv": schedule_csv(study.selection.chosen, study.scenario.sensor_names, segment_nodes(study)),
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".partial-", dir=folder) as partial:
-            for name, content in contents.items():
-                (Path(partial) / name).write_text(content, encoding="utf-8")
-            for name in contents:
-                (Path(partial) / name).replace(folder / name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+    write_files(Path(folder), contents)
     return result
 
 

@@ -12,7 +12,7 @@ from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import Grid
-from obsdesign.scenario.problem_text import Location, Problem, message_for_unknown_key, message_for_unknown_name
+from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
 from obsdesign.scenario.rule_problems import find_rule_problems
 from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE, Leg, Scenario
 
@@ -64,7 +64,7 @@ def _name_problems(scenario: Scenario) -> Iterator[Problem]:
         *((effort_location, tuple(name for name, _ in cost.weights), inputs, False) for effort_location, cost in _efforts(scenario)),
     ]
     for location, given, accepted, complete in tables:
-        yield from (Problem((*location, key), message_for_unknown_key(key, accepted)) for key in given if key not in accepted)
+        yield from (unknown_key((*location, key), key, accepted) for key in given if key not in accepted)
         yield from (Problem((*location, key), "missing key") for key in accepted if complete and key not in given)
 
 
@@ -92,7 +92,7 @@ def _value_problems(scenario: Scenario) -> Iterator[Problem]:
 
 def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
     if scenario.design.criterion not in kinds(obsdesign.criteria):
-        yield Problem(("design", "criterion"), message_for_unknown_name(scenario.design.criterion, kinds(obsdesign.criteria)))
+        yield unknown_name(("design", "criterion"), scenario.design.criterion, kinds(obsdesign.criteria))
     for i, suite in enumerate(scenario.design.suites):
         yield from _list_problems(("design", "suites", i), suite, scenario.sensor_names)
     yield from _list_problems(("design", "about"), scenario.design.about, scenario.state_names)
@@ -100,7 +100,7 @@ def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[str]) -> Iterator[Problem]:
-    yield from (Problem(location, message_for_unknown_name(name, accepted)) for name in names if name not in accepted)
+    yield from (unknown_name(location, name, accepted) for name in names if name not in accepted)
     yield from (Problem(location, f"names {name!r} twice") for i, name in enumerate(names) if name in names[:i])
 
 
@@ -109,7 +109,7 @@ def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
     per_segment, naive = settings.per_segment, settings.naive
     criteria = _criteria_of_matrices()  # a posterior is no sum over sensors
     if settings.criterion not in criteria:
-        yield Problem(("selection", "criterion"), message_for_unknown_name(settings.criterion, criteria))
+        yield unknown_name(("selection", "criterion"), settings.criterion, criteria)
     if settings.robust_to >= sensors:
         yield Problem(("selection", "robust_to"), f"is {settings.robust_to}: must be below the number of sensors, {sensors}")
     if per_segment > sensors:
@@ -146,7 +146,7 @@ def _posterior_problems(scenario: Scenario) -> Iterator[Problem]:
     """What says how a posterior is judged, and when."""
     design = scenario.design
     if design.posterior_criterion not in _criteria_of_matrices():
-        yield Problem(("design", "posterior_criterion"), message_for_unknown_name(design.posterior_criterion, _criteria_of_matrices()))
+        yield unknown_name(("design", "posterior_criterion"), design.posterior_criterion, _criteria_of_matrices())
     if design.criterion != "posterior":
         unused = [key for key in ("posterior_criterion", "over") if key in design.model_fields_set]
         yield from (Problem(("design", key), f"needs the criterion posterior: it is {design.criterion}") for key in unused)

@@ -16,12 +16,23 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
 from obsdesign.scenario.contradictions import find_contradictions
 from obsdesign.scenario.degrees import in_radians, non_angles
+from obsdesign.scenario.key_lines import line_of
 from obsdesign.scenario.kind_tables import COST, LEAVES
-from obsdesign.scenario.problem_text import Location, Problem, describe_error, in_file, message_for_unknown_key, of_another_type
+from obsdesign.scenario.problem_text import (
+    Location,
+    Problem,
+    describe_error,
+    in_file,
+    location_text,
+    of_another_type,
+    unknown_key,
+    value_at,
+)
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.sizes import too_large
+from obsdesign.scenario.upgrades import upgrade_data
 
-_INTERNAL_FIELDS = ("file", "digest")  # fields of the record that are no keys of the file
+_INTERNAL_FIELDS = ("file", "digest", "source")  # fields of the record that are no keys of the file
 
 
 @validate_arguments
@@ -44,29 +55,52 @@ def load_scenario_of_path(file: Path) -> Scenario:
 def _load(file: Path, has_path: bool) -> Scenario:
     try:
         content = file.read_bytes()
-        data = tomllib.loads(content.decode())
+        text = content.decode()
+        data = tomllib.loads(text)
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
-    reserved_keys = [Problem((key,), message_for_unknown_key(key, _keys_at(()))) for key in _INTERNAL_FIELDS if key in data]
-    scenario, problems = _validate(data, str(file), hashlib.sha256(content).hexdigest(), has_path)
-    problems = reserved_keys + problems
+    upgrade = upgrade_data(data)
+    reserved_keys = [unknown_key((key,), key, _keys_at(())) for key in _INTERNAL_FIELDS if key in data]
+    internal = {"file": str(file), "digest": hashlib.sha256(content).hexdigest(), "source": text}
+    scenario, problems = _validate(upgrade.data, internal, has_path)
+    problems = [*upgrade.problems, *reserved_keys, *problems]
     if scenario is None or problems:
-        count = "" if len(problems) == 1 else f" {len(problems)} problems"
-        raise ScenarioError(f"{file}:{count}" + "".join(f"\n  {problem}" for problem in problems))
+        raise _error(file, text, data, problems)
     return scenario
 
 
-def _validate(data: dict[str, Any], file: str, digest: str, has_path: bool) -> tuple[Scenario | None, list[Problem]]:
+def _error(file: Path, text: str, data: dict[str, Any], problems: Sequence[Problem]) -> ScenarioError:
+    """Return the error that tells of all problems, each with its line."""
+    lines = [line_of(text, problem.location) for problem in problems]
+    count = "" if len(problems) == 1 else f" {len(problems)} problems"
+    told = (f"\n  {problem}" if line is None else f"\n  line {line}: {problem}" for line, problem in zip(lines, problems, strict=True))
+    return ScenarioError(
+        f"{file}:{count}" + "".join(told),
+        tuple(
+            {
+                "line": line,
+                "key": location_text(problem.location),
+                "value": value_at(data, problem.location),
+                "message": problem.message,
+                "accepted": list(problem.accepted),
+                "nearest": problem.nearest,
+            }
+            for line, problem in zip(lines, problems, strict=True)
+        ),
+    )
+
+
+def _validate(data: dict[str, Any], internal: dict[str, str], has_path: bool) -> tuple[Scenario | None, list[Problem]]:
     oversized = list(too_large(data))
     if oversized:
         return None, oversized
     try:
         # strict JSON mode: arrays become tuples, nothing else is converted
-        text = json.dumps({**in_radians(data), "file": file, "digest": digest}, default=str)
+        text = json.dumps({**in_radians(data), **internal}, default=str)
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         return None, [describe_error(detail, data, _keys_at) for detail in error.errors() if not of_another_type(detail, data)]

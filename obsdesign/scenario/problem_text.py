@@ -18,10 +18,12 @@ AcceptedKeys = Callable[[Location], Sequence[str]]
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong: where (a key's path) and why."""
+    """One thing that is wrong: where (a key's path) and why; the names that are accepted, where they can be listed, and the nearest."""
 
     location: Location
     message: str
+    accepted: tuple[str, ...] = ()
+    nearest: str | None = None
 
     def __str__(self) -> str:
         return f"{location_text(self.location)}: {self.message}"
@@ -36,16 +38,16 @@ def location_text(location: Location) -> str:
 def describe_error(error: Mapping[str, Any], data: Any, accepted: AcceptedKeys) -> Problem:  # noqa: ANN401
     """Return a pydantic error as a Problem of the TOML data it came from."""
     location, kind = in_file(error["loc"], data), error["type"]
-    value = _at(data, location)
+    value = value_at(data, location)
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        return Problem(location, message_for_unknown_key(str(location[-1]), [key for key in accepted(error["loc"][:-1]) if key]))
+        return unknown_key(location, str(location[-1]), [key for key in accepted(error["loc"][:-1]) if key])
     if kind.startswith("missing"):
         return Problem(location, "missing key")
     if kind == "union_tag_not_found":
         return Problem((*location, "kind"), "missing key")
     if kind == "union_tag_invalid":
         choices = [tag for tag in (part.strip("' ") for part in error["ctx"]["expected_tags"].split(",")) if tag]
-        return Problem((*location, "kind"), message_for_unknown_name(error["ctx"]["tag"], choices))
+        return unknown_name((*location, "kind"), error["ctx"]["tag"], choices)
     if kind == "value_error":
         reason, written = str(error["ctx"]["error"]), value.items() if isinstance(value, Mapping) else ()
         degrees = [f"{key} = {item}" for key, item in written if key.endswith(SUFFIX) and key.removesuffix(SUFFIX) in reason]
@@ -60,25 +62,29 @@ def of_another_type(error: Mapping[str, Any], data: Any) -> bool:  # noqa: ANN40
     location = error["loc"]
     for index, part in enumerate(location):
         if _is_type(part):
-            value, name = _at(data, in_file(location[:index], data)), str(part)
+            value, name = value_at(data, in_file(location[:index], data)), str(part)
             if name.startswith((_WORD, _ARRAY)):
                 return isinstance(value, list) != name.startswith(_ARRAY)
             return isinstance(value, Mapping) != name.startswith(_TABLE)
     return False
 
 
-def message_for_unknown_key(key: str, accepted: Sequence[str]) -> str:
-    """Return what to say of a key that nobody knows."""
-    near = difflib.get_close_matches(key.removesuffix(SUFFIX), accepted, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"unknown key{hint} (accepted: {', '.join(accepted) or 'none'})"
+def unknown_key(location: Location, key: str, accepted: Sequence[str]) -> Problem:
+    """Return what is wrong with a key that nobody knows."""
+    hint, nearest = nearest_word(key.removesuffix(SUFFIX), accepted)
+    return Problem(location, f"unknown key{hint} (accepted: {', '.join(accepted) or 'none'})", tuple(accepted), nearest)
 
 
-def message_for_unknown_name(name: str, accepted: Sequence[str]) -> str:
-    """Return what to say of a value that must be one of several names."""
-    near = difflib.get_close_matches(name, accepted, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"is {name!r}: must be one of {', '.join(accepted)}{hint}"
+def unknown_name(location: Location, name: str, accepted: Sequence[str]) -> Problem:
+    """Return what is wrong with a value that must be one of several names."""
+    hint, nearest = nearest_word(name, accepted)
+    return Problem(location, f"is {name!r}: must be one of {', '.join(accepted)}{hint}", tuple(accepted), nearest)
+
+
+def nearest_word(word: str, accepted: Sequence[str]) -> tuple[str, str | None]:
+    """Return a hint at the accepted word that is nearest, and that word, where one is near."""
+    near = difflib.get_close_matches(word, accepted, n=1)
+    return (f"; did you mean {near[0]!r}?", near[0]) if near else ("", None)
 
 
 def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
@@ -91,7 +97,7 @@ def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
             continue
         in_degrees = isinstance(data, Mapping) and part not in data and f"{part}{SUFFIX}" in data
         file_location.append(f"{part}{SUFFIX}" if in_degrees else part)
-        data = _at(data, (file_location[-1],)) if index < len(location) - 1 else data
+        data = value_at(data, (file_location[-1],)) if index < len(location) - 1 else data
     return tuple(file_location)
 
 
@@ -100,7 +106,8 @@ def _is_type(part: str | int) -> bool:
     return isinstance(part, str) and (part == "float" or part.startswith((_TABLE, _WORD, _ARRAY)))
 
 
-def _at(data: Any, location: Location) -> Any:  # noqa: ANN401
+def value_at(data: Any, location: Location) -> Any:  # noqa: ANN401
+    """Return the value of TOML data at a location; None where there is none."""
     for part in location:
         if isinstance(data, Mapping):
             data = data.get(str(part))

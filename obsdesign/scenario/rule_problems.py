@@ -13,7 +13,7 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 from obsdesign.rules.energy_budget import EnergyBudget
 from obsdesign.rules.unavailable_between import UnavailableBetween
 from obsdesign.rules.unavailable_outside import UnavailableOutside
-from obsdesign.scenario.problem_text import Location, Problem, message_for_unknown_key, message_for_unknown_name
+from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
 
 if TYPE_CHECKING:
     from obsdesign.scenario.schema import Scenario
@@ -49,11 +49,11 @@ def _name_problems(scenario: Scenario, i: int, rule: AbstractRule) -> Iterator[P
         given = getattr(rule, key)
         for sensor in given if isinstance(given, tuple) else (given,):
             if sensor is not None and sensor not in names:
-                yield Problem(("selection", "rules", i, key), message_for_unknown_name(str(sensor), names))
+                yield unknown_name(("selection", "rules", i, key), str(sensor), names)
     for key in field_names & set(_TABLE_KEYS):
         table = getattr(rule, key)
         wrong = [sensor for sensor in table if sensor not in names] if isinstance(table, Mapping) else []
-        yield from (Problem(("selection", "rules", i, key, str(sensor)), message_for_unknown_key(str(sensor), names)) for sensor in wrong)
+        yield from (unknown_key(("selection", "rules", i, key, str(sensor)), str(sensor), names) for sensor in wrong)
 
 
 def _pareto_problems(scenario: Scenario) -> Iterator[Problem]:

@@ -210,6 +210,7 @@ class Expected(_ScenarioTable):
 class Scenario(_ScenarioTable):
     """A study as read from its file. Every angle may be given in degrees under its key with the suffix _deg."""
 
+    version: Literal[1] = Field(default=1, description="of the format of scenarios; files of earlier ones are read as they were meant")
     title: str
     """What the study is called."""
     question: str
@@ -244,6 +245,7 @@ class Scenario(_ScenarioTable):
     """Known truths that the result is compared with."""
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")
     digest: str = Field(default="", description="sha256 of the file; set by load_scenario")
+    source: str = Field(default="", exclude=True, description="text of the file; set by load_scenario")
 
     @property
     def system(self) -> System:

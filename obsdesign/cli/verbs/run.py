@@ -8,7 +8,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from obsdesign.cli.folders import require_writable
+from obsdesign.cli.folders import require_writable, scenario_file
 from obsdesign.cli.verb import QUIET, SCENARIO, SEED, Argument, Outcome, Verb, out_argument, whole_number_type
 from obsdesign.errors import ExitCode
 from obsdesign.interrupts import process_pool
@@ -21,8 +21,9 @@ def run_scenario(options: Namespace) -> Outcome:
     """Answer the questions of a scenario and write its report."""
     from obsdesign.scenario.loading import load_scenario
 
-    scenario = load_scenario(options.scenario)
-    folder = options.out or Path("reports") / options.scenario.stem
+    file = scenario_file(options.scenario)
+    scenario = load_scenario(file)
+    folder = options.out or Path("reports") / file.stem
     require_writable(folder)
 
     from rich.console import Console
