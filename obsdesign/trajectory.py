@@ -138,6 +138,13 @@ class Trajectory(AbstractDisplay):
         return float(f"{float(self.t[-1] - self.t[0]) / (len(self.t) - 1):.12g}")
 
 
+def uneven_path_of(path: Trajectory, t: np.ndarray, x: np.ndarray, u: np.ndarray, w: np.ndarray | None) -> Trajectory:
+    """Return the path through other instants, whose steps may be of any length and of none; as `path_of` makes it."""
+    result = path_of(t, x, u, w, path.tolerance)
+    vars(result).update(is_even=False)
+    return result
+
+
 def path_of(t: np.ndarray, x: np.ndarray, u: np.ndarray, w: np.ndarray | None, tolerance: float) -> Trajectory:
     """Return a path of finite arrays of floats that fit and that nobody else writes to, made just now: none is copied or checked."""
     for values in (t, x, u) if w is None else (t, x, u, w):

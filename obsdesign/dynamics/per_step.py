@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.model import AbstractSystem, Channel, Model
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
 from obsdesign.trajectory import Trajectory
@@ -24,6 +24,8 @@ class PerStepSystem(AbstractSystem):
 
     system: AbstractSystem
     """The system with time in seconds."""
+    has_arrived: bool = False
+    """Whether samples that are asked for are there for certain, those of a log: no gate says how likely they are."""
 
     def _build(self) -> Model:
         import casadi as ca
@@ -35,9 +37,15 @@ class PerStepSystem(AbstractSystem):
             inputs=(LENGTH, *(_integral_of(signal) for signal in model.inputs)),
             B=ca.horzcat(model.drift, model.B),
             unknown_inputs=tuple(_integral_of(signal) for signal in model.unknown_inputs),
-            channels=tuple(replace(channel, rate=None) for channel in model.channels),
+            channels=tuple(self._channel(channel) for channel in model.channels),
             is_per_step=True,
         )
+
+    def _channel(self, channel: Channel) -> Channel:
+        import casadi as ca
+
+        noise = replace(channel.noise, gate=ca.SX(1)) if self.has_arrived else channel.noise
+        return replace(channel, rate=None, noise=noise)
 
 
 def _integral_of(signal: Signal) -> Signal:

@@ -24,8 +24,10 @@ from obsdesign.information.blocks import Information, with_samples
 from obsdesign.information.correlated_noise import colour_of, require_coloured
 from obsdesign.information.correlated_samples import CorrelatedSamples
 from obsdesign.information.provenance import origin_of
+from obsdesign.information.recorded_samples import recorded_samples, require_independent
 from obsdesign.information.sample_information import require_finite_blocks, samples_with_colour, zero_unsampled
 from obsdesign.information.whitening import outputs_with_colour
+from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory
 
 _HALVING_RATIO = 15  # change of an integral of order 4 when its pieces are halved, over what is left of its error
@@ -44,7 +46,7 @@ _Sampler = Callable[[np.ndarray, np.ndarray, _StepSplit, bool], np.ndarray]
 
 
 @validate_arguments
-def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool = True) -> Information:
+def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool = True, samples: Log | None = None) -> Information:
     """Return what the samples along a path say about its initial state, from derivatives along the path.
 
     W = sum_k sum_s Phi_k' C_sk' R_s^-1 C_sk Phi_k over the samples of each sensor, with Phi_{k+1} = F_k Phi_k, Phi_0 = I.
@@ -56,9 +58,13 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
         path: the path along which samples are taken.
         weighted: False = the integral of Phi'C'C Phi dt over each step (Simpson's rule on half steps, order 4), whatever the sensors'
             rates.
+        samples: a log, of which the samples count that arrived along the path, each at its own time and in its own number; those from
+            t_k to t_k+1 are in block k. None = those that the sensors' rates promise.
     Raises InputError for paths that do not fit the system and for a path through a landmark.
     """
     require_fit(system, path)
+    if samples is not None:
+        return _gramian_of_log(system, path, weighted, samples)
     system = system_along(system, path)
     if weighted:
         if colour_of(system.model) is not None:
@@ -70,6 +76,17 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     return with_samples(
         require_finite_blocks(blocks, system, path), system.model.sensor_names, transition, None, origin_of(system, path, weighted)
     )
+
+
+def _gramian_of_log(system: AbstractSystem, path: Trajectory, weighted: bool, log: Log) -> Information:
+    """Phi_k' (sum of F' C' R^-1 C F) Phi_k, F from t_k to each sample before t_k+1."""
+    if not weighted:
+        raise InputError("weighted is False with samples of a log: an integral over time asks for no samples")
+    require_independent(system)
+    arrived, along = recorded_samples(system, path, log), system_along(system, path, is_sampling_given=True)
+    Phi = transition_matrices(along, path)
+    blocks = Phi[:-1, None].swapaxes(2, 3) @ arrived.local_blocks @ Phi[:-1, None]
+    return with_samples(require_finite_blocks(blocks, along, path), system.model.sensor_names, Phi[-1], None, None)
 
 
 def _gramian_with_colour(system: AbstractSystem, path: Trajectory) -> Information:

@@ -46,6 +46,8 @@ def update_with_samples(
         w = gate / (gate * (1 if z is None else V[z, z]) + bias_ratio * (1 - gate))
         row = row if z is None else row + M[z, :]
         # not a product: where a sensor that is off has no derivative, nothing is lost
+        if z is None and not nuisance.loads(i):  # nothing lasts: a sample may count more than once
+            w = weights[sensor] * w
         row, w = ca.if_else(weights[sensor], row, ca.SX(*row.shape)), ca.if_else(weights[sensor], w, 0)
         if z is not None:
             M, V = M - (V[:, z] * w) @ row, V - w * (V[:, z] @ V[z, :])

@@ -28,7 +28,9 @@ from obsdesign.information.backward_pass import (
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.information_update import Disturbance, InformationRoot, predict
 from obsdesign.information.nuisance_information import ErrorDistribution, predict_with_errors, update_with_samples
+from obsdesign.information.recorded_samples import recorded_samples
 from obsdesign.information.sample_information import sampling_mask
+from obsdesign.logs.log import Log
 from obsdesign.packing import pack, pack_values, symmetric
 from obsdesign.prior import Prior
 from obsdesign.trajectory import Trajectory
@@ -44,6 +46,8 @@ def posterior_information(
     disturbance_psd: ArrayLike | None = None,
     unknown_inputs: Sequence[str] = (),
     active: np.ndarray | None = None,
+    *,
+    samples: Log | None = None,
 ) -> np.ndarray:
     """Return J (N+1, n, n), the information about x(t_k): J[k] includes the samples at t_k for k < N, J[N] is predicted.
 
@@ -60,14 +64,45 @@ def posterior_information(
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * step; None = none.
         unknown_inputs: names of the inputs of which nothing is known.
         active (N, S): bool, which sensors are on; None = all.
+        samples: a log, whose samples count that arrived, each at its own time; at t_k those up to then. With active, those of sensors
+            that are on from t_k to t_k+1. None = those that the sensors' rates promise.
     Raises InputError for shapes that do not fit, unknown names, and unknown inputs of which a combination leaves no trace in
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
     """
+    if samples is not None:
+        return _posterior_of_log(system, path, prior, disturbance_psd, unknown_inputs, active=active, log=samples)
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
     if disturbance.unknown:
         require_trace(system, path, disturbance, weights)
+    return _information_along(system, path, prior, disturbance, weights)
+
+
+def _posterior_of_log(
+    system: AbstractSystem,
+    path: Trajectory,
+    prior: Prior,
+    disturbance_psd: ArrayLike | None,
+    unknown_inputs: Sequence[str],
+    *,
+    active: np.ndarray | None,
+    log: Log,
+) -> np.ndarray:
+    """The same from event to event, at the nodes of the path."""
+    require_fit(system, path)
+    arrived = recorded_samples(system, path, log)
+    events, per_step = arrived.event_path, arrived.system
+    weights = events.weights
+    if active is not None:
+        weights = weights * weights_of(per_step, path, active)[events.step]
+    disturbance = disturbance_of(per_step, events.path, prior, disturbance_psd, unknown_inputs)
+    if disturbance.unknown:
+        require_trace(per_step, events.path, disturbance, weights)
+    return _information_along(per_step, events.path, prior, disturbance, weights)[events.nodes]
+
+
+def _information_along(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
     roots = posterior_roots(system, path, prior, disturbance, weights)
     with np.errstate(over="ignore", invalid="ignore"):
         J = roots.swapaxes(1, 2) @ roots

@@ -18,14 +18,16 @@ from obsdesign.errors import InputError
 from obsdesign.information.accumulation import accumulator_along
 from obsdesign.information.correlated_noise import colour_of
 from obsdesign.information.gramian import require_fit
+from obsdesign.information.recorded_samples import recorded_samples, require_independent
 from obsdesign.information.sample_information import require_finite_blocks, zero_unsampled
+from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory
 
 _MAX_ENTRIES = 1 << 20  # numbers of the rows that are walked at once: 8 MB of doubles
 
 
 @validate_arguments
-def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
+def sliding_information(system: AbstractSystem, path: Trajectory, window: int, samples: Log | None = None) -> np.ndarray:
     """Return (N - window + 1, S, n, n): what the samples at t_k .. t_(k + window - 1) of sensor s say about x(t_k).
 
     Of two stretches, one after the other, (F, W) and (F', W'), the whole is (F' F, W + F'W'F): stretches of 1, 2, 4, ...
@@ -36,15 +38,18 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
         system: vehicle and sensors.
         path: the path along which samples are taken, of N steps.
         window: number of steps in a window, 1 to N.
+        samples: a log, whose samples count that arrived, each at its own time; None = those that the sensors' rates promise.
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)
-    system = system_along(system, path)
+    arrived = None if samples is None else _samples_by_step(system, path, samples)
+    system = system_along(system, path, is_sampling_given=arrived is not None)
     require_count("window", window, minimum=1, maximum=path.steps)
     window = int(window)  # whole numbers of NumPy do not know their bits
-    if colour_of(system.model) is not None:
+    if colour_of(system.model) is not None and arrived is None:
         return _accumulate_windows(system, path, window)
-    stretches = [local_information(system, path)]  # of 1, 2, 4, ... steps
+    local = local_information(system, path)
+    stretches = [local if arrived is None else (local[0], arrived)]  # of 1, 2, 4, ... steps
     for bit in range(window.bit_length() - 1):
         stretches.append(_concatenate(stretches[-1], stretches[-1], 1 << bit))
     combined, length = stretches[-1], 1 << (window.bit_length() - 1)
@@ -52,6 +57,11 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int) -
         if window >> bit & 1:
             combined, length = _concatenate(combined, stretches[bit], length), length + (1 << bit)
     return _require_finite(path, combined[1][: path.steps - window + 1].copy())
+
+
+def _samples_by_step(system: AbstractSystem, path: Trajectory, log: Log) -> np.ndarray:
+    require_independent(system)
+    return recorded_samples(system, path, log).local_blocks
 
 
 def _accumulate_windows(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:

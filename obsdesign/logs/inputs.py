@@ -52,10 +52,14 @@ class LogInputs:
         Before the first reading of a column that reading is held, after the last one the last; before the first and after the last
         increment the mean rate of that one goes on.
         """
-        means = np.empty((len(times) - 1, len(self.names)))
+        return self.integrals(times) / np.diff(times)[:, None]
+
+    def integrals(self, times: np.ndarray) -> np.ndarray:
+        """Return the integral (N, m) of each input over each of the N steps between times (N+1,) [s], as `over` has it."""
+        integrals = np.empty((len(times) - 1, len(self.names)))
         for i in range(len(self.names)):
-            means[:, i] = np.diff(self._integral(i, times)) / np.diff(times)
-        return means
+            integrals[:, i] = np.diff(self._integral(i, times))
+        return integrals
 
     def stretch(self, first: float, last: float) -> LogInputs:
         """Return the readings from one time to another [s], and for what is held there the last ones before."""
