@@ -17,6 +17,7 @@ from obsdesign.selection.posterior.deepening import better_walk
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 
 _MARGINS = (0, 2, 4)  # segments at the ends of a block that are left as they are: what is best there looks at nothing beyond
+_ALIKE = 1e-12  # of standard deviations: what is known differs by rounding alone
 
 
 def blocks(segments: int, length: int, before: int) -> Iterator[tuple[int, int, int]]:
@@ -36,21 +37,50 @@ def bound_by_blocks(
     bound_of: the best schedule and a bound of a stretch, from that schedule's part of the best one. Parts that are better than those
     of the best schedule are tried in it, with and without their ends.
     """
-    total = -np.inf if problem.is_worst else 0.0
+    total, given = -np.inf if problem.is_worst else 0.0, walk
     for first, last, free in blocks(problem.segments, length, before):
         stretch = problem.stretch(first, last, free)
         part, bound = bound_of(stretch, stretch.walk(walk.nodes[first:last]))
         total = max(total, bound) if problem.is_worst else total + bound
-        for margin in _MARGINS:
-            until = last - first - (margin if last < problem.segments else 0)
-            walk = _with_part(problem, walk, first + free + margin, part.nodes[free + margin : until])
-    return walk, total
+        walk = _with_part(problem, walk, first + free, part.nodes[free:])
+    return better_walk(problem, given, [walk.nodes]), total
 
 
 def _with_part(problem: PosteriorProblem, walk: Walk, first: int, nodes: np.ndarray) -> Walk:
-    """Return the better of a walk and the same with other nodes from a segment on, where these may follow and be followed."""
-    tried = walk.nodes.copy()
-    tried[first : first + len(nodes)] = nodes
-    is_same = (tried == walk.nodes).all()
-    is_linked = problem.options.follows[tried[:-1], tried[1:]].all() and problem.options.may_start[tried[0]]
-    return better_walk(problem, walk, tried) if is_linked and not is_same else walk
+    """Return the best of a walk and the same with other nodes from a segment on, with and without their ends, of those within the rules."""
+    last = first + len(nodes)
+    tried = np.repeat(walk.nodes[None], len(_MARGINS), axis=0)
+    for margin, changed in zip(_MARGINS, tried, strict=True):
+        part = slice(min(margin, len(nodes)), len(nodes) - (margin if last < problem.segments else 0))
+        changed[first:last][part] = nodes[part]
+    follows = problem.options.follows[tried[:, :-1], tried[:, 1:]].all(axis=1) & problem.options.may_start[tried[:, 0]]
+    tried = tried[follows & (tried != walk.nodes).any(axis=1)]
+    candidates = [each for each in _variants(problem, walk, tried, first, last) if problem.is_feasible(each)]
+    return min([walk, *candidates], key=lambda each: each.value)
+
+
+def _variants(problem: PosteriorProblem, walk: Walk, tried: np.ndarray, first: int, last: int) -> list[Walk]:
+    """Return walks (B, K) that differ from one in segments first..last - 1 alone, a filter followed until it knows what that one's does."""
+    if not len(tried):
+        return []
+    P, costs, covariances = np.repeat(walk.covariances[first][:, :, None], len(tried), axis=2), [], []
+    for k in range(first, problem.segments):
+        if k >= last and _is_alike(P, walk.covariances[k]):
+            break
+        covariances.append(P.transpose(2, 0, 1))
+        cost, P = problem.maps.advance(k, problem.options.pattern_of_node[tried[:, k]], P)
+        costs.append(cost)
+    segments, walks = slice(first, first + len(costs)), []
+    for b, nodes in enumerate(tried):
+        own_costs, own_covariances = walk.costs.copy(), walk.covariances.copy()
+        own_costs[segments], own_covariances[segments] = [cost[b] for cost in costs], [P[b] for P in covariances]
+        amounts = problem.amounts(nodes)
+        total = problem.total(own_costs) + float(amounts[0])
+        walks.append(Walk(nodes, total, own_costs, amounts[1:], own_covariances))
+    return walks
+
+
+def _is_alike(P: np.ndarray, known: np.ndarray) -> bool:
+    """Whether covariances (n, n, B) are all the same as one (n, n), but for rounding."""
+    deviation = np.sqrt(np.maximum(np.diag(known), 0.0))
+    return bool((np.abs(P - known[:, :, None]) <= _ALIKE * (deviation[:, None] * deviation)[:, :, None]).all())

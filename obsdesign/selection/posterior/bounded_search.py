@@ -65,7 +65,7 @@ def search(
 
 def _first_of(problem: PosteriorProblem, starts: Sequence[np.ndarray], share: float) -> Walk | None:
     """Return the best of walks (K,) that are given and those of trellises, which are left out where it is late."""
-    walks = [problem.walk(nodes) for nodes in starts]
+    walks = problem.walks(starts)
     trellis = None if walks and problem.deadline.is_over else first_walk(problem, share)
     return min([*walks, *([] if trellis is None else [trellis])], key=lambda walk: walk.value, default=None)
 
@@ -152,7 +152,7 @@ def _join_all(problem: PosteriorProblem, answer: Answer, gap_at: Callable[[float
         return answer
     bound = limit if result.relaxation is None else result.relaxation.bound
     if result.nodes is not None:
-        walk = better_walk(problem, walk, result.nodes)
+        walk = better_walk(problem, walk, [result.nodes])
     by = f"partial schedules in {width} states after each segment, whatever came last" if bound > answer.bound else answer.bound_by
     return Answer(walk, min(max(bound, answer.bound), walk.value), by)
 
@@ -170,7 +170,7 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
         if is_closed or _GROWTH * simulated_before > rest or problem.deadline.is_over or not _can_hold(problem, relaxation, width):
             break
         found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
-        walk = walk if found.nodes is None else better_walk(problem, walk, found.nodes)
+        walk = walk if found.nodes is None else better_walk(problem, walk, [found.nodes])
         limit = walk.value - gap_at(walk.value)
         result = refine(problem, relaxation, slopes, limit, width, tolerance)
         simulated_before = result.simulated + found.simulated
@@ -182,7 +182,7 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
             bound = max(bound, limit)
             break
         relaxation, bound = result.relaxation, max(bound, result.relaxation.bound)
-        walk = better_walk(problem, walk, result.nodes)
+        walk = better_walk(problem, walk, [result.nodes])
     return Answer(walk, min(bound, walk.value), by)
 
 
@@ -207,19 +207,19 @@ def first_walk(problem: PosteriorProblem, share: float = 1.0) -> Walk | None:
 
     share: of the work that they may take.
     """
-    best, nodes = None, len(problem.options.pattern_of_node)
+    nodes = len(problem.options.pattern_of_node)
     width = max(1, int(share * _MAX_STEP_ENTRIES) // (nodes * len(problem.P0) ** 2))
     prices, hasty = trellis_prices(problem), replace(problem, deadline=problem.deadline.share(_OF_TRELLISES))
-    for depth in (1, 2, 3):
-        if depth > 1 and nodes**depth > _MAX_TRELLIS:
-            break
+    # short runs without limits: windows and refined states find better ones in the time
+    deepest = 3 if len(problem.limits) else 1 if problem.segments <= _LONG else 2
+    tried: list[np.ndarray] = []
+    for depth in (depth for depth in range(1, deepest + 1) if depth == 1 or nodes**depth <= _MAX_TRELLIS):
         for price in prices:
-            if best is not None and hasty.deadline.is_over:
-                return best
+            if tried and hasty.deadline.is_over:
+                break
             walk = follow_trellis(hasty, depth, price, width)
-            if walk is not None and (best is None or walk.value < best.value):
-                best = walk
-    return best
+            tried += [] if walk is None else [walk]
+    return min(problem.walks(tried), key=lambda walk: walk.value, default=None)
 
 
 def trellis_prices(problem: PosteriorProblem) -> list[np.ndarray]:

@@ -105,7 +105,7 @@ class LinearCostMaps(AbstractCostMaps):
 
     def add(self, cost: np.ndarray, t: int, number: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Return cost + <M_t, X>."""
-        return cost + np.einsum("db,db->b", self.M[t][:, number], X[self.rows, self.columns])
+        return cost + np.einsum("db,db->b", self.M[t].take(number, axis=1), X[self.rows, self.columns])
 
     def record(self, moment: FilterMoment) -> None:
         """Add weight Psi' W Psi to M, and weight tr(W P) to base."""

@@ -7,6 +7,7 @@ windows of L choices that overlap. When they are as long as the run the bound is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import monotonic
 from typing import Protocol
@@ -155,8 +156,7 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
     while True:
         chain = build_chain(problem, layers, prices_tried(problem, layers))
         chain_bound = chain.bound
-        for nodes in chain.cheapest() if np.isfinite(chain_bound) else ():
-            walk = better_walk(problem, walk, nodes)
+        walk = better_walk(problem, walk, chain.cheapest() if np.isfinite(chain_bound) else [])
         bound = max(bound, min(chain_bound, walk.value - gap))
         if chain_bound >= walk.value - gap or depth >= problem.segments:
             return Proof(walk, bound, chain, depth, simulated)
@@ -171,10 +171,11 @@ def prove(problem: PosteriorProblem, walk: Walk, gap: float, effort: WorkLimits)
         simulated += count_windows(layers)
 
 
-def better_walk(problem: PosteriorProblem, walk: Walk, nodes: np.ndarray) -> Walk:
-    """Return the walk through nodes (K,) if it keeps the limits and costs less than the one known, else that."""
-    candidate = problem.walk(nodes)
-    return candidate if problem.is_feasible(candidate) and candidate.value < walk.value else walk
+def better_walk(problem: PosteriorProblem, walk: Walk, schedules: Sequence[np.ndarray]) -> Walk:
+    """Return the best of a walk and others through nodes (K,), of those that keep the limits."""
+    others = [nodes for nodes in schedules if (nodes != walk.nodes).any()]
+    candidates = [other for other in problem.walks(others) if problem.is_feasible(other)]
+    return min([walk, *candidates], key=lambda each: each.value)
 
 
 def count_windows(layers: list[WindowLayer]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -88,13 +89,28 @@ class PosteriorProblem:
 
     def walk(self, nodes: np.ndarray) -> Walk:
         """Return a schedule with what it costs."""
-        P, costs, covariances = self.P0[:, :, None], np.empty(len(nodes)), np.empty((len(nodes), *self.P0.shape))
-        amounts = np.zeros((len(self.limits) + 1, 1))
-        for k, (before, node) in enumerate(zip(previous_nodes(nodes), nodes, strict=True)):
-            covariances[k] = P[:, :, 0]
-            cost, taken, P = self.advance(k, np.array([before]), np.array([node]), P)
-            costs[k], amounts = cost[0], amounts + taken
-        return Walk(nodes, self.total(costs) + float(amounts[0, 0]), costs, amounts[1:, 0], covariances)
+        return self.walks([nodes])[0]
+
+    def walks(self, schedules: Sequence[np.ndarray]) -> list[Walk]:
+        """Return schedules with what they cost, all looked at at once."""
+        if not len(schedules):
+            return []
+        nodes = np.array(schedules)
+        P, costs = np.repeat(self.P0[:, :, None], len(nodes), axis=2), np.empty(nodes.shape)
+        covariances, amounts = np.empty((*nodes.shape, *self.P0.shape)), np.zeros((len(self.limits) + 1, len(nodes)))
+        before = np.full(len(nodes), -1)
+        for k, node in enumerate(nodes.T):
+            covariances[:, k] = P.transpose(2, 0, 1)
+            costs[:, k], taken, P = self.advance(k, before, node, P)
+            amounts, before = amounts + taken, node
+        totals = [self.total(own) + float(extra) for own, extra in zip(costs, amounts[0], strict=True)]
+        return [Walk(nodes[b], totals[b], costs[b], amounts[1:, b], covariances[b]) for b in range(len(nodes))]
+
+    def amounts(self, nodes: np.ndarray) -> np.ndarray:
+        """Return what a walk (K,) pays for switching and takes of each resource (R + 1,), what maps add up left out."""
+        k, before = np.arange(len(nodes)), previous_nodes(nodes)
+        usage = self.options.usage[:, k, nodes] + self.options.start_usage[:, before, nodes]
+        return np.append(self.switching(nodes), usage.sum(axis=1))
 
     def switching(self, nodes: np.ndarray) -> float:
         """Return what the switching-ons of a walk cost."""

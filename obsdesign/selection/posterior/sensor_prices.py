@@ -52,9 +52,7 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
     chosen = problem.options.chosen(walk.nodes)
     K, S = chosen.shape
     changed = chosen[:, None, :] ^ np.eye(S, dtype=bool)
-    patterns, pattern = np.unique(changed.reshape(K * S, S), axis=0, return_inverse=True)
-    pattern = pattern.reshape(K, S)
-    maps = segment_maps(question.linear_model, question.nodes, patterns, question.costs)
+    maps = segment_maps(question.linear_model, question.nodes, changed, question.costs)
     n, sensors = len(problem.P0), np.arange(S)
     states = np.arange(question.path.x.shape[1])
     weight = np.zeros(n)
@@ -71,7 +69,7 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
         )
         option = np.full(len(followed.number), problem.options.pattern_of_node[walk.nodes[k]])
         later_cost, later_P = problem.maps.advance(k, option, followed.P)
-        first_cost, first_P = maps.advance(k, pattern[k], np.repeat(walk.covariances[k][:, :, None], S, axis=2))
+        first_cost, first_P = maps.advance(k, sensors, np.repeat(walk.covariances[k][:, :, None], S, axis=2))
         number = np.concatenate([followed.number, k * S + sensors])
         costs, P = np.concatenate([later_cost, first_cost]), np.concatenate([later_P, first_P], axis=2)
         if problem.is_worst:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
+from obsdesign.selection.posterior.problem import PosteriorProblem
 
 _TIE_BREAK = 1e-3  # of a segment's cost: where the largest counts, equals differ by what else they cost
 
@@ -69,8 +69,8 @@ def successors(problem: PosteriorProblem, walks: PartialWalks, k: int, rest: np.
     return Steps(parent[can_end], node[can_end], usage[:, can_end])
 
 
-def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, width: int) -> Walk | None:
-    """Return the walk that keeping the best for every choice of the last `depth` segments ends with; None where none keeps the limits.
+def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, width: int) -> np.ndarray | None:
+    """Return the walk (K,) that keeping the best for every choice of the last `depth` segments ends with; None where none keeps the limits.
 
     prices (R,): what a unit of each resource counts while partial schedules are compared; of more than `width` the best are kept,
     one from when the deadline is over.
@@ -91,7 +91,7 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, wi
         choices.append(steps.node[best])
         key = key[best]
         walks = PartialWalks(walks.node[best], walks.total[best], walks.largest[best], walks.usage[:, best], walks.P[:, :, best])
-    return problem.walk(_backtrack(parents, choices, int(walks.value(problem.is_worst).argmin())))
+    return _backtrack(parents, choices, int(walks.value(problem.is_worst).argmin()))
 
 
 def first_by_key(key: np.ndarray, score: np.ndarray) -> np.ndarray:
