@@ -18,7 +18,7 @@ def write_files(folder: Path, contents: Mapping[str, str]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".partial-", dir=folder) as partial:
             for name, content in contents.items():
-                (Path(partial) / name).write_text(content, encoding="utf-8")
+                (Path(partial) / name).write_text(content, encoding="utf-8", newline="")
             for name in contents:
                 (Path(partial) / name).replace(folder / name)
     except OSError as error:

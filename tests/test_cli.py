@@ -16,7 +16,7 @@ import jsonschema
 import pytest
 from conftest import ROOT, obsdesign, small_scenario
 
-WRITTEN = ["report.html", "result.json", "schedule.csv", "trajectory.csv"]
+WRITTEN = ["question.toml", "report.html", "result.json", "schedule.csv", "trajectory.csv"]
 
 
 def write(folder: Path, *changes: tuple[str, str]) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import subprocess
 import sys
 import tomllib
@@ -553,3 +554,35 @@ def test_two_sensors_of_one_kind_get_names_of_their_own():
     assert system.sensor_names == ("range", "range_2", "gps")
     assert system.model.sensor_names == system.sensor_names
     assert [signal.name for signal in system.model.outputs] == ["range", "range_2", "gps_x", "gps_y"]
+
+
+# ---------------------------------------------------------------- the place on Earth
+
+
+def placed(folder: Path, table: str) -> Path:
+    file = folder / "placed.toml"
+    file.write_text(AEROSONDE.read_text() + f"\n[place]\n{table}\n")
+    return file
+
+
+def test_a_place_is_read_with_its_moment(tmp_path):
+    file = placed(tmp_path, "latitude = 47.4\nlongitude = 8.5\nbearing_deg = 0.0\nheight = 50.0\nbegins = 2026-12-01T10:00:00+01:00")
+    scenario = od.load_scenario(file)
+    place = scenario.place
+    assert (place.latitude, place.longitude, place.altitude, place.height, place.bearing) == (47.4, 8.5, 0.0, 50.0, 0.0)
+    assert place.begins.timestamp() == 1796115600
+    assert scenario.source == file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("latitude_deg = 47.4\nlongitude = 8.5", "place.latitude_deg: latitude is in degrees by itself: write latitude"),
+        ("latitude = 90.5\nlongitude = 8.5", "place.latitude: is 90.5: must be less than or equal to 90"),
+        ("latitude = 47.4\nlongitude = 8.5\nbegins = 2026-12-01T10:00:00", "place.begins"),
+        ("latitude = 47.4\nlongitude = 8.5\nhight = 3.0", "did you mean 'height'?"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(tmp_path, table, message):
+    with pytest.raises(od.ScenarioError, match=re.escape(message)):
+        od.load_scenario(placed(tmp_path, table))

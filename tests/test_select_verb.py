@@ -219,7 +219,13 @@ def test_the_verb_prints_the_schedule_and_writes_the_files(verb, plain):
     assert (done.returncode, done.stderr) == (0, "")
     for part in ("optimal, proven", "no schedule is above", "gps always", "chosen anew", "bent.csv has no inputs"):
         assert part in done.stdout
-    assert sorted(path.name for path in (folder / "out").iterdir()) == ["report.html", "result.json", "schedule.csv", "trajectory.csv"]
+    assert sorted(path.name for path in (folder / "out").iterdir()) == [
+        "question.toml",
+        "report.html",
+        "result.json",
+        "schedule.csv",
+        "trajectory.csv",
+    ]
     result = json.loads((folder / "out" / "result.json").read_text())
     jsonschema.Draft202012Validator(json.loads((ROOT / "docs" / "result.schema.json").read_text())).validate(result)
     found, ours = result["selection"], plain.selection.schedule

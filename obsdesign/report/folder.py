@@ -20,7 +20,8 @@ from obsdesign.study.record import Study
 def write_report(folder: str | Path, study: Study) -> Result:
     """Write report.html, result.json, trajectory.csv and schedule.csv of a study; return what result.json holds.
 
-    Everything is written under temporary names in the folder and renamed at the end.
+    question.toml is what the scenario's file said, where it was read from one: what exports of the folder start from. Everything is
+    written under temporary names in the folder and renamed at the end.
 
     Arguments:
         folder: where to write; it is made where there is none.
@@ -34,6 +35,8 @@ def write_report(folder: str | Path, study: Study) -> Result:
         "trajectory.csv": trajectory_csv(study.scenario.system, study.main.path),
         "schedule.csv": schedule_csv(study.selection.chosen, study.scenario.sensor_names, segment_nodes(study)),
     }
+    if study.scenario.source:
+        contents["question.toml"] = study.scenario.source
     write_files(Path(folder), contents)
     return result
 

@@ -41,6 +41,8 @@ def _in_degrees(value: Any, location: tuple[str | int, ...]) -> Iterator[tuple[s
 def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     name, signals = str(location[-1]).removesuffix(SUFFIX), (*scenario.vehicle.states, *scenario.vehicle.inputs)
     unit = next((signal.unit for signal in signals if signal.name == name), "rad")
+    if location[0] == "place":
+        return name == "bearing"
     if location[0] == "sensors":
         measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
         return name not in _NOT_IN_SENSOR_UNIT and (measures_angles or name not in _SPREADS)

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
 from obsdesign.scenario.contradictions import find_contradictions
-from obsdesign.scenario.degrees import in_radians, non_angles
+from obsdesign.scenario.degrees import SUFFIX, in_radians, non_angles
 from obsdesign.scenario.key_lines import line_of
 from obsdesign.scenario.kind_tables import COST, LEAVES
 from obsdesign.scenario.problem_text import (
@@ -104,9 +104,16 @@ def _validate(data: dict[str, Any], internal: dict[str, str], has_path: bool) ->
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         return None, [describe_error(detail, data, _keys_at) for detail in error.errors() if not of_another_type(detail, data)]
-    wrong = [Problem(location, "is given in degrees: is no angle") for location in non_angles(data, scenario)]
+    wrong = [Problem(location, _no_angle_message(location)) for location in non_angles(data, scenario)]
     contradictions = [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path)]
     return scenario, wrong + contradictions
+
+
+def _no_angle_message(location: Location) -> str:
+    written = str(location[-1]).removesuffix(SUFFIX)
+    if location[0] == "place" and written in ("latitude", "longitude"):
+        return f"{written} is in degrees by itself: write {written}"
+    return "is given in degrees: is no angle"
 
 
 def _keys_at(location: Location) -> Sequence[str]:

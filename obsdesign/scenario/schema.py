@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import comb
+from datetime import UTC, datetime
+from math import comb, pi
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 import obsdesign.constraints
 import obsdesign.costs
@@ -36,6 +37,7 @@ class _ScenarioTable(BaseModel):
 STRAIGHT, SHORTEST, WEAVE, DESIGNED = "straight", "shortest", "weave", "designed"  # what a study calls its own paths
 GIVEN = "given"  # and one that was read from a file
 Positive = Annotated[float, Field(gt=0)]
+HeightReference = Literal["sea_level", "ellipsoid"]
 
 
 class Time(_ScenarioTable):
@@ -45,6 +47,29 @@ class Time(_ScenarioTable):
     step: float = Field(gt=0, description="integration step [s]; samples fall on steps")
     segment: float = Field(gt=0, description="how long a choice of sensors holds [s]")
     tolerance: float = Field(default=1e-6, gt=0, lt=1, description="relative error that the steps may have; sub-steps are made to meet it")
+
+
+class PlaceTable(_ScenarioTable):
+    """Where on Earth, and when, the scenario lies: what its metres and seconds become in files that planners and autopilots load."""
+
+    latitude: float = Field(ge=-90, le=90, description="of a point of the plane [degrees], north > 0, WGS 84")
+    longitude: float = Field(ge=-180, le=180, description="of that point [degrees], east > 0")
+    altitude: float = Field(default=0.0, ge=-500, le=100_000, description="of that point [m]")
+    height_reference: HeightReference = Field(
+        default="sea_level",
+        description="what altitude counts from: sea_level or ellipsoid (WGS 84); it is written into files, never converted",
+    )
+    height: float | None = Field(
+        default=None, ge=-500, le=100_000, description="at which the path is flown above that point [m]; missions need it, 0 on the ground"
+    )
+    east: float = Field(default=0.0, ge=-1e5, le=1e5, description="how far east of that point x = y = 0 lies [m]")
+    north: float = Field(default=0.0, ge=-1e5, le=1e5, description="how far north of that point x = y = 0 lies [m]")
+    bearing: float = Field(
+        default=pi / 2, ge=-2 * pi, le=2 * pi, description="compass bearing of the x axis [rad]; default: east, so that y points north"
+    )
+    begins: AwareDatetime = Field(
+        default=datetime(1970, 1, 1, tzinfo=UTC), description="when t = 0 is, with its offset from UTC; default: 1970-01-01T00:00:00Z"
+    )
 
 
 class Manoeuvre(_ScenarioTable):
@@ -227,6 +252,8 @@ class Scenario(_ScenarioTable):
     process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
     time: Time
     """Duration, step and segment [s]."""
+    place: PlaceTable | None = None
+    """Where on Earth the scenario lies; None = nowhere, so that paths are written in metres only."""
     manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
     """Ways of moving for which the observable space is computed."""
     baselines: tuple[Baseline, ...] = Field(default=(), description="paths to compare with; the first is the naive one")
