@@ -325,17 +325,19 @@ def test_a_bag_holds_poses_beside_the_path_at_the_times_of_the_path(written, tra
 @pytest.fixture(scope="module")
 def importers():
     """MAVSDK's importers near a PX4 and near an ArduPilot that send heartbeats."""
+    from mavsdk.autopilot import Autopilot
     from mavsdk.component_type import ComponentType
     from mavsdk.mavsdk import Configuration, Mavsdk
     from mavsdk.plugins.mission_raw.mission_raw import MissionRaw
     from pymavlink.dialects.v20 import common
 
     open_ones, plugins = [], {}
-    for name, kind in (("px4", common.MAV_AUTOPILOT_PX4), ("ardupilot", common.MAV_AUTOPILOT_ARDUPILOTMEGA)):
+    kinds = (("px4", common.MAV_AUTOPILOT_PX4, Autopilot.PX4), ("ardupilot", common.MAV_AUTOPILOT_ARDUPILOTMEGA, Autopilot.ARDUPILOT))
+    for name, kind, autopilot in kinds:
         client = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
         client.add_any_connection("raw://")
         link = common.MAVLink(None, srcSystem=1, srcComponent=1)
-        while not any(peer.has_autopilot() for peer in client.get_systems()):
+        while not any(peer.autopilot_type() == autopilot for peer in client.get_systems()):
             client.pass_received_raw_bytes(bytes(link.heartbeat_encode(common.MAV_TYPE_FIXED_WING, kind, 0, 0, 4).pack(link)))
         (system,) = client.get_systems()
         open_ones.append(client)
