@@ -46,7 +46,7 @@ def _backward_scan(model: Model, step: float, disturbance: Disturbance, substeps
     n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n)
     B, samples = step_graph.B_w[:, list(disturbance.unknown)], rows_of_samples(model, weights)
-    after_noise = InformationRoot(L, rounding).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    after_noise = InformationRoot(L, rounding, ca.SX(0, L.shape[1])).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
     earlier = predict_back(after_noise, step_graph.F, B).with_rows(samples)
     results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(step_graph.F, B)))]
     carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding)
@@ -101,7 +101,7 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
     L, rounding = ca.SX.sym("L", size, size), ca.SX.sym("rounding", size)
     B = ca.vertcat(ca.SX(c, step_graph.B_w.shape[1]), step_graph.B_w, ca.SX(a, step_graph.B_w.shape[1]))
     noise = np.pad(disturbance.L, ((c, a), (0, 0)))
-    after_noise = InformationRoot(L, rounding).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(noise))))
+    after_noise = InformationRoot(L, rounding, ca.SX(0, L.shape[1])).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(noise))))
     F, B = ca.diagcat(ca.SX.eye(c), step_graph.F, ca.SX.eye(a)), B[:, list(disturbance.unknown)]
     rows, transition, error_noise = samples_given_previous(model, nuisance, weights)
     earlier = predict_back(after_noise, F, B).add_noise(error_noise).transform(transition).with_rows(rows)

@@ -30,7 +30,7 @@ def _reflect(A: list[list[ca.SX]], rows: list[int], column: int) -> None:
     norm = ca.if_else(is_nonzero, ca.sqrt(ca.if_else(is_nonzero, size, 1)), 0)
     signed = ca.if_else(x[0] >= 0, norm, -norm)
     v = [x[0] + signed, *x[1:]]
-    factor = ca.if_else(is_nonzero, 1 / ca.if_else(is_nonzero, norm * (norm + ca.fabs(x[0])), 1), 0)
+    factor = is_nonzero / ca.if_else(is_nonzero, norm * (norm + ca.fabs(x[0])), 1)
     for j in range(column + 1, len(A[0])):
         if all(A[i][j].is_zero() for i in rows):
             continue

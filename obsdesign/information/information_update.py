@@ -12,6 +12,7 @@ from obsdesign.information.input_exchange import deflate, exchange_inputs, large
 
 _EPS = float(np.finfo(float).eps)
 _RESIDUE = 16 * _EPS  # share of what was added up below which what is left is rounding
+_RESIDUE_SCALE = 2.0**-5  # a difference of 8 to 16 eps of A does not change A when it is so much smaller
 _SIGNIFICANCE = 1e3  # how many times the rounding of one step a number must have for an unknown input to be seen in it
 
 
@@ -33,38 +34,49 @@ class InformationRoot:
     """T (m, n), T'T the information; rounding (n, 1): what rounding of one step may have left in each column of T.
 
     Without it, what is left of a column after an unknown input has taken it could not be told from knowledge.
+    error (r, n), r = 0 or 1: what rounding has done to a row of T until now, to first order, with signs as if drawn; see `error_shares`.
     """
 
     T: ca.SX
     rounding: ca.SX
+    error: ca.SX
 
     def scale(self, unit: ca.SX) -> InformationRoot:
         """Return the root about y where this one is about x = unit y, unit (n, 1) > 0."""
-        return InformationRoot(self.T @ ca.diag(unit), unit * self.rounding)
+        return InformationRoot(self.T @ ca.diag(unit), unit * self.rounding, self.error @ ca.diag(unit))
 
     def transform(self, X: ca.SX, magnitudes: ca.SX | None = None) -> InformationRoot:
         """Return the root about y where this one is about X y; magnitudes (m, n) of what was added up in each entry of X, None = of X."""
         magnitudes = ca.fabs(X) if magnitudes is None else magnitudes
-        return InformationRoot(self.T @ X, _EPS * (magnitudes.T @ ca.sum1(ca.fabs(self.T)).T))
+        rounding = _EPS * (magnitudes.T @ ca.sum1(ca.fabs(self.T)).T)
+        return InformationRoot(self.T @ X, rounding, self.error @ X).add_error(rounding.T)
+
+    def add_error(self, sizes: ca.SX) -> InformationRoot:
+        """Return the root with so much more rounding (1, n) in its columns, if that is followed."""
+        draws = ca.SX(ca.DM(np.cos(np.arange(1.0, sizes.numel() + 1) ** 2)[None]))
+        return InformationRoot(self.T, self.rounding, self.error + draws * sizes if self.error.shape[0] else self.error)
 
     def add_noise(self, noise: ca.SX) -> InformationRoot:
         """Return the root once noise, columns of it (m, r) with N(0, 1) each, has been added to what this one is about."""
-        T = self.T
+        T, error = self.T, self.error
         for column in range(noise.shape[1]):
             g = T @ noise[:, column]
+            information = T.T @ g
             norm = ca.sqrt(1 + ca.sumsqr(g))
-            T = T - g @ (g.T @ T) / (norm * (norm + 1))  # (I + g g')^(-1/2) T
-        return InformationRoot(T, self.rounding)
+            error = error - (error @ noise[:, column]) @ (information.T / norm**2)
+            T = T - g @ information.T / (norm * (norm + 1))  # (I + g g')^(-1/2) T
+        return InformationRoot(T, self.rounding, error)
 
     def with_rows(self, rows: ca.SX) -> InformationRoot:
         """Return the upper triangular root of what both know."""
         rounding = self.rounding + _EPS * ca.sum1(ca.fabs(rows)).T
-        return InformationRoot(triangular_factor(ca.vertcat(self.T, rows)), rounding)
+        return InformationRoot(triangular_factor(ca.vertcat(self.T, rows)), rounding, self.error)
 
     def without_residues(self) -> InformationRoot:
         """Return the root with 0 for entries that are rounding of their columns: a step that enlarges them would make knowledge of them."""
-        threshold = ca.repmat(_RESIDUE * ca.sum1(ca.fabs(self.T)), self.T.shape[0], 1)
-        return InformationRoot(ca.if_else(ca.fabs(self.T) > threshold, self.T, 0), self.rounding)
+        sizes = ca.sum1(ca.fabs(self.T))
+        threshold = ca.repmat(_RESIDUE * sizes, self.T.shape[0], 1)
+        return InformationRoot((ca.fabs(self.T) > threshold) * self.T, self.rounding, self.error).add_error(_EPS * sizes)
 
     def eliminate(self, q: ca.SX) -> InformationRoot:
         """Return the root of what is known whatever t is, where this one is about x + q t, with q (n, 1).
@@ -77,20 +89,30 @@ class InformationRoot:
         largest = largest_entry(ca.fabs(g))
         pivot = ca.dot(largest, g)
         v = g + ca.if_else(pivot >= 0, norm, -norm) * largest
-        factor = ca.if_else(is_seen, 1 / ca.if_else(is_seen, norm * (norm + ca.fabs(pivot)), 1), 0)
+        factor = is_seen / ca.if_else(is_seen, norm * (norm + ca.fabs(pivot)), 1)
         T = _difference(self.T, (factor * v) @ (v.T @ self.T))
-        return InformationRoot(ca.diag(1 - ca.if_else(is_seen, largest, 0)) @ T, self.rounding)
+        error = self.error
+        if error.shape[0]:
+            error = error - (is_seen * (error @ q) / ca.if_else(is_seen, precision, 1)) * (g.T @ self.T)
+        return InformationRoot(ca.diag(1 - is_seen * largest) @ T, self.rounding, error)
+
+    def error_about_last(self, n: int) -> ca.SX:
+        """Return the error (r, n) of what is known of the last n whatever the others are; T upper triangular, and regular in the others."""
+        error = self.error
+        for i in range(self.T.shape[1] - n):
+            error = error - (error[:, i] / self.T[i, i]) @ self.T[i, :]
+        return error[:, self.T.shape[1] - n :]
 
     def precision_along(self, q: ca.SX) -> ca.SX:
         """Return |T q|^2, 0 where it may be rounding."""
         size, threshold = ca.sumsqr(self.T @ q), _SIGNIFICANCE * ca.dot(self.rounding, ca.fabs(q))
-        return ca.if_else(size > threshold * threshold, size, 0)
+        return (size > threshold * threshold) * size
 
 
 def _difference(A: ca.SX, B: ca.SX) -> ca.SX:
     """A - B, 0 where what is left of an entry is rounding."""
     difference = A - B
-    return ca.if_else(ca.fabs(difference) > _RESIDUE * ca.fabs(A), difference, 0)
+    return (A + _RESIDUE_SCALE * difference != A) * difference
 
 
 def predict(

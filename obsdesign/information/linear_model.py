@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
-from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
-from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.information_update import Disturbance
-from obsdesign.information.nuisance_information import output_spread, sample_row
+from obsdesign.information.linearisation import linearise
 from obsdesign.information.sample_information import require_derivatives
 from obsdesign.prior import Prior
 from obsdesign.trajectory import Trajectory
@@ -91,31 +86,28 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
     Raises InputError for samples that have no derivative.
     """
     model, nuisance, n = system.model, nuisance_of(system.model, path.step), path.x.shape[1]
-    arrays = _linearisation(model, path.step, substeps_along(system, path)).along(
-        np.empty(0), path.x[:-1], all_inputs_along(system, path), weights
-    )[1:]
-    F, B, state_rows, bias_loads, white, spreads = arrays
+    linearisation = linearise(system, path, weights)
     N, q, c, a = path.steps, len(model.output_owner), len(nuisance.constant), len(nuisance.coloured)
-    F, B = F.reshape(N, n, n).swapaxes(1, 2), B.reshape(N, len(model.unknown_inputs), n).swapaxes(1, 2)[:, :, list(disturbance.unknown)]
+    B = linearisation.B[:, :, list(disturbance.unknown)]
     size, L = n + c + a, disturbance.L
     transition, noise, covariance = np.zeros((N, size, size)), np.zeros((N, size, size)), np.zeros((size, size))
-    transition[:, :n, :n] = F
+    transition[:, :n, :n] = linearisation.F
     transition[:, range(n, size), range(n, size)] = np.concatenate([np.ones(c), nuisance.decay])
     noise[:, :n, :n] = L @ L.T
     noise[:, n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.driving_covariance
     covariance[:n, :n], covariance[n : n + c, n : n + c] = prior.covariance, np.eye(c)
     covariance[n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.R
     rows = np.zeros((N, q, size))
-    rows[:, :, :n], rows[:, :, n : n + c] = state_rows.reshape(N, n, q).swapaxes(1, 2), bias_loads.reshape(N, c, q).swapaxes(1, 2)
+    rows[:, :, :n], rows[:, :, n : n + c] = linearisation.state_rows, linearisation.bias_loads
     for index, output in enumerate(nuisance.coloured):
         rows[:, output, n + c + index] = 1.0
-    rows = _whiten(rows, white + _white_part(nuisance, q), weights[:, list(model.output_owner)])
+    rows = _whiten(rows, linearisation.missing + _white_part(nuisance, q), weights[:, list(model.output_owner)])
     if not (np.isfinite(rows).all() and np.isfinite(transition).all()):
         require_derivatives(system, path, weights > 0)
         raise InputError("the linearised model is not finite along the path")
     columns = np.zeros((N - 1, size, B.shape[2]))
     columns[:, :n] = B[:-1]
-    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), n, columns, spreads)
+    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), n, columns, linearisation.spreads)
 
 
 def _whiten(rows: np.ndarray, variance: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -131,20 +123,3 @@ def _white_part(nuisance: NuisanceStates, outputs: int) -> np.ndarray:
         smallest = float(np.linalg.eigvalsh(nuisance.driving_covariance)[0])
         part[list(nuisance.coloured)] = _WHITE_SHARE * smallest / (1 + float(nuisance.decay.max())) ** 2
     return part
-
-
-@lru_cache(CACHE_SIZE)
-def _linearisation(model: Model, step: float, substeps: int) -> Scan:
-    """Rows x_k, (u, w)_k, active (S,) -> F, B_w, dy / dx and dy / db over the spreads, what gates add to variances, the spreads."""
-    graph, nuisance, weights = looped_step(model, step, substeps), nuisance_of(model, step), ca.SX.sym("active", len(model.channels))
-    c, rows, missing, spreads = len(nuisance.constant), [], [], []
-    for i, sensor in enumerate(model.output_owner):
-        row, bias_ratio, gate = sample_row(model, nuisance, i)
-        spreads.append(output_spread(model, i))
-        # not a product: where a sensor that is off has no derivative, nothing is lost
-        rows.append(ca.if_else(weights[sensor], row, ca.SX(*row.shape)))
-        missing.append(ca.if_else(gate > 0, bias_ratio * (1 - gate) / ca.if_else(gate > 0, gate, 1), np.inf))
-    stacked = ca.vertcat(*rows)
-    results = [graph.F, graph.B_w, stacked[:, c:], stacked[:, :c], ca.vertcat(*missing), ca.vertcat(*spreads)]
-    columns = [ca.vec(ca.densify(result)) for result in results]
-    return Scan(ca.SX(0, 1), [graph.x, graph.all_inputs, weights], ca.SX(0, 1), columns, loop=graph.loop)

@@ -126,10 +126,12 @@ def predict_with_errors(
     for column in range(exchange.Q.shape[1]):
         q = exchange.Q[:, column]
         precision, error_change, row = root.precision_along(q), M @ q, (root.T @ q).T @ root.T
-        variance = ca.if_else(precision > 0, 1 / ca.if_else(precision > 0, precision, 1), 0)
+        is_seen = precision > 0
+        variance = is_seen / ca.if_else(is_seen, precision, 1)
         M, V, root = M - variance * (error_change @ row), V + variance * (error_change @ error_change.T), root.eliminate(q)
     M = M @ exchange.X @ ca.diag(1 / all_units)
-    return _add_noise_with_errors(root.transform(exchange.X, exchange.magnitudes).scale(1 / all_units), ErrorDistribution(M, V), noise)
+    root = root.transform(exchange.X, exchange.magnitudes).scale(1 / all_units)
+    return _add_noise_with_errors(root, ErrorDistribution(M, V), noise)
 
 
 def _add_noise_with_errors(root: InformationRoot, errors: ErrorDistribution, noise: ca.SX) -> tuple[InformationRoot, ErrorDistribution]:
@@ -138,10 +140,10 @@ def _add_noise_with_errors(root: InformationRoot, errors: ErrorDistribution, noi
     x' = x + b e with root T about x: e | x' ~ N(g'T x' / (g'g + 1), 1 / (g'g + 1)), g = T b, so M' = M - (M b) g'T / (g'g + 1) and
     V' = V + (M b)(M b)' / (g'g + 1).
     """
-    T, M, V = root.T, errors.M, errors.V
+    M, V = errors.M, errors.V
     for j in range(noise.shape[1]):
-        g, error_change = T @ noise[:, j], M @ noise[:, j]
-        norm = ca.sqrt(1 + ca.sumsqr(g))
-        M, V = M - error_change @ (g.T @ T) / norm**2, V + error_change @ error_change.T / norm**2
-        T = T - g @ (g.T @ T) / (norm * (norm + 1))
-    return InformationRoot(T, root.rounding), ErrorDistribution(M, V)
+        b, g, error_change = noise[:, j], root.T @ noise[:, j], M @ noise[:, j]
+        variance = 1 / (1 + ca.sumsqr(g))
+        M, V = M - error_change @ (g.T @ root.T) * variance, V + error_change @ error_change.T * variance
+        root = root.add_noise(b)
+    return root, ErrorDistribution(M, V)

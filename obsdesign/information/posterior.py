@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
-from obsdesign.dynamics.model import AbstractSystem, Model
-from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.nuisance_states import nuisance_of
 from obsdesign.dynamics.per_step import system_along
-from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.backward_pass import (
     backward_roots,
     backward_roots_with_nuisance,
     raise_not_finite,
     require_trace,
-    rows_of_samples,
 )
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.information_update import Disturbance, InformationRoot, predict
-from obsdesign.information.nuisance_information import ErrorDistribution, predict_with_errors, update_with_samples
+from obsdesign.information.information_update import Disturbance
 from obsdesign.information.recorded_samples import recorded_samples
+from obsdesign.information.root_recursion import forward_scan, initial_carry_of, posterior_roots
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.logs.log import Log
-from obsdesign.packing import pack, pack_values, symmetric
 from obsdesign.prior import Prior
 from obsdesign.trajectory import Trajectory
 
@@ -158,8 +152,8 @@ def _rows_with_nuisance(
     """Return rows (N, m, p) about w_k, and (N, m, .) about (b, x_k) and e, with errors z_k = M (b, x_k) + V^1/2 e."""
     nuisance, rows = nuisance_of(system.model, path.pace), [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
-    scan = _forward_scan(system.model, path.pace, disturbance, substeps_along(system, path), with_errors=True)
-    results = scan.run(initial_carry_of(prior, nuisance)[None], rows, path.steps, carries=False).results
+    scan = forward_scan(system.model, path.pace, disturbance, substeps_along(system, path), with_errors=True)
+    results = scan.run(initial_carry_of(prior, nuisance, len(disturbance.unknown))[None], rows, path.steps, carries=False).results
     shapes = ((size, size), (size, a), (a, a))
     T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(results, shapes, strict=True))
     values, vectors = np.linalg.eigh(V)
@@ -223,70 +217,6 @@ def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | No
     if not np.isin(mask, (0.0, 1.0)).all():
         raise InputError(f"active has the entry {mask[~np.isin(mask, (0.0, 1.0))][0]}: must be true or false")
     return (sampling & (mask > 0)).astype(float)
-
-
-def initial_carry_of(prior: Prior, nuisance: NuisanceStates) -> np.ndarray:
-    """Return the carry before the samples of t_0: (T, rounding) about (b, x), M = 0 and V = R, column by column."""
-    root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
-    a, c = len(nuisance.coloured), len(nuisance.constant)
-    T = np.eye(c + len(root))
-    T[c:, c:] = root
-    return np.concatenate([T.ravel(order="F"), np.finfo(float).eps * np.abs(T).sum(axis=0), np.zeros(a * len(T)), pack_values(nuisance.R)])
-
-
-@lru_cache(CACHE_SIZE)
-def _forward_scan(model: Model, step: float, disturbance: Disturbance, substeps: int, with_errors: bool = False) -> Scan:
-    """Carry before the samples of t_k, rows x_k, (u, w)_k, active (S,) -> carry before those of t_k+1; result: R after those of t_k.
-
-    The carry is (T, rounding): T'T the information, T and R column by column; see `InformationRoot`. With errors that last, T is about the
-    constant ones and the state, and M and V of the others follow; see `ErrorDistribution`. with_errors: all three are results.
-    """
-    step_graph, nuisance = looped_step(model, step, substeps), nuisance_of(model, step)
-    a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
-    T, rounding, weights = ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("active", len(model.channels))
-    unit = ca.SX.sym("unit", n)
-    if not nuisance.size:
-        updated = InformationRoot(T, rounding).with_rows(rows_of_samples(model, weights))
-        predicted = predict(updated, step_graph.F, step_graph.B_w, disturbance, unit, model.noise_scale)
-        carry_next = ca.vertcat(ca.vec(ca.densify(predicted.T)), predicted.rounding)
-        return Scan(
-            ca.vertcat(ca.vec(T), rounding),
-            [step_graph.x, step_graph.all_inputs, weights, unit],
-            carry_next,
-            [ca.vec(ca.densify(updated.T))],
-            loop=step_graph.loop,
-        )
-    M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
-    rows, counts, errors = update_with_samples(model, nuisance, ErrorDistribution(M, V), weights)
-    updated = InformationRoot(T, rounding).with_rows(ca.sqrt(counts) * rows)
-    predicted, errors_predicted = predict_with_errors(
-        updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance, unit, scale=model.noise_scale
-    )
-    carry_next = ca.vertcat(ca.vec(predicted.T), predicted.rounding, ca.vec(errors_predicted.M), pack(errors_predicted.V))
-    carry = ca.vertcat(ca.vec(T), rounding, ca.vec(M), entries)
-    results = [updated.T, errors.M, errors.V] if with_errors else [updated.T[c:, c:]]
-    columns = [ca.vec(ca.densify(result)) for result in results]
-    return Scan(carry, [step_graph.x, step_graph.all_inputs, weights, unit], carry_next, columns, loop=step_graph.loop)
-
-
-def posterior_roots(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
-    """Return R (N+1, n, n): R'R is what is known of x(t_k) after its samples, at t_N before them."""
-    n, nuisance = path.x.shape[1], nuisance_of(system.model, path.pace)
-    rows = [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
-    start = initial_carry_of(prior, nuisance)[None]
-    scan = _forward_scan(system.model, path.pace, disturbance, substeps_along(system, path))
-    run = scan.run(start, rows, path.steps, carries=False)
-    size = n + len(nuisance.constant)
-    last = run.carry[0, : size**2].reshape(size, size).T
-    columns = np.concatenate([run.results[0][0], _about_state(last, n).T.reshape(1, -1)])
-    if not np.isfinite(columns).all():
-        raise_not_finite(columns, system, path, weights)
-    return columns.reshape(-1, n, n).swapaxes(1, 2)
-
-
-def _about_state(T: np.ndarray, n: int) -> np.ndarray:
-    """Return the root (n, n) of what T says about the last n, whatever the others are."""
-    return T if len(T) == n or not np.isfinite(T).all() else np.linalg.qr(T).R[-n:, -n:]
 
 
 def _marginal_information(about_input: np.ndarray, about_state: np.ndarray) -> np.ndarray:

@@ -17,7 +17,8 @@ from obsdesign.errors import InputError
 from obsdesign.information.backward_pass import require_trace
 from obsdesign.information.information_update import Disturbance
 from obsdesign.information.linear_model import LinearModel, linear_model_of
-from obsdesign.information.posterior import disturbance_of, posterior_roots, weights_of
+from obsdesign.information.posterior import disturbance_of, weights_of
+from obsdesign.information.root_recursion import posterior_roots
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import Segments
 from obsdesign.selection.posterior.instant_costs import InstantCosts
