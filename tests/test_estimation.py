@@ -228,6 +228,58 @@ def test_gps_on_a_straight_line_makes_the_filter_overconfident():
     assert check.nees[-1] > 10 * 5
 
 
+# ---------------------------------------------------------------- along the path that is given
+
+
+def test_errors_on_a_linear_system_are_those_of_any_path():
+    """e+ = F (I - K C) e + noise knows nothing of the path, so slips of it change nothing, however far they lead."""
+    slipping = PATH.x + np.cumsum(np.random.default_rng(3).standard_normal(PATH.x.shape) * 30.0, axis=0)
+    path = od.Trajectory(PATH.t, slipping, PATH.u)
+    for psd in (None, PSD):
+        along_inputs = od.validate(LINEAR, PATH, prior=PRIOR, disturbance_psd=psd, runs=RUNS)
+        along_slips = od.validate(LINEAR, path, prior=PRIOR, disturbance_psd=psd, runs=RUNS)
+        np.testing.assert_array_equal(along_slips.bound, along_inputs.bound)
+        tolerance = 1e-7 if psd is None else 5 * np.sqrt(2 / RUNS)
+        np.testing.assert_allclose(np.square(along_slips.rmse / along_inputs.rmse), 1.0, atol=2 * tolerance)
+        np.testing.assert_allclose(along_slips.nees, 3.0, atol=5 * np.sqrt(2 * 3 / RUNS))
+
+
+def test_the_truth_keeps_to_a_driven_path():
+    """By its inputs the vehicle drives away from a beacon of limited range; where it really went, the beacon is in sight to the end."""
+    system = od.System(od.Unicycle(), (od.Range((40.0, 60.0), 0.1, max_range=90.0), od.Range((90.0, -20.0), 0.1), od.Magnetometer(0.05)))
+    u = np.tile([5.0, 0.0], (100, 1))
+    straight = od.simulate(system, (0.0, 0.0, 0.0), u, 0.5)
+    turned = np.column_stack([np.arange(101) * 0.5, np.linspace(0.0, 60.0, 101), np.linspace(0.0, 0.8, 101)])
+    path = od.Trajectory(straight.t, turned, u)
+    assert np.hypot(*(straight.x[-1, :2] - path.x[-1, :2])) > 190
+    check = od.validate(system, path, prior=od.Prior(path.x[0], std=(1.0, 1.0, 0.1)), runs=100, disturbance_psd=(0.01, 0.01, 0.001))
+    assert check.consistent
+    np.testing.assert_allclose(np.square(check.rmse / check.bound), 1.0, atol=6 * np.sqrt(2 / 100))
+    bound = od.posterior_information(system, path, od.Prior(path.x[0], std=(1.0, 1.0, 0.1)), (0.01, 0.01, 0.001))
+    np.testing.assert_allclose(check.bound, od.standard_deviations(bound), rtol=1e-12)
+
+
+def test_a_driven_path_of_steps_of_any_length_is_validated():
+    """Unequal steps on the linear system against its textbook: NEES of n, errors at the bound."""
+    lengths = np.random.default_rng(6).uniform(0.05, 0.4, STEPS)
+    path = od.simulate(LINEAR, PRIOR.mean, PATH.u, lengths)
+    check = od.validate(LINEAR, path, prior=PRIOR, disturbance_psd=PSD, runs=RUNS)
+    np.testing.assert_allclose(np.square(check.rmse / check.bound), 1.0, atol=5 * np.sqrt(2 / RUNS))
+    np.testing.assert_allclose(check.nees, 3.0, atol=5 * np.sqrt(2 * 3 / RUNS))
+
+
+def test_other_estimators_are_validated_by_the_same_flights():
+    """On a linear system the unscented filter errs as the extended one does, to rounding; a smoother less than both, and knows it."""
+    checks = [
+        od.validate(LINEAR, PATH, prior=PRIOR, disturbance_psd=PSD, runs=100, estimator=estimator)
+        for estimator in (None, od.UnscentedKalmanFilter(), od.FixedIntervalSmoother())
+    ]
+    np.testing.assert_allclose(checks[1].rmse, checks[0].rmse, rtol=1e-7)
+    np.testing.assert_allclose(checks[1].nees, checks[0].nees, rtol=1e-6)
+    assert (checks[2].rmse[:-2] < checks[0].rmse[:-2]).all()
+    np.testing.assert_allclose(checks[2].nees, 3.0, atol=5 * np.sqrt(2 * 3 / 100))
+
+
 # ---------------------------------------------------------------- the verdict, on NEES made by hand
 
 N_STATES, N_RUNS = 4, 100

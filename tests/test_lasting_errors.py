@@ -353,7 +353,15 @@ def test_joint_errors_of_the_truth_have_their_covariance_at_each_instant_and_non
     system = NOISY["joint"]
     path = od.simulate(system, np.zeros(5), np.zeros((4, 1)), 0.5)
     task = _MonteCarloTask(
-        system, path, od.Prior(path.x[0], std=np.ones(5)), np.ones((4, 2), dtype=bool), np.zeros((5, 0)), 1, range(4000), 1
+        system,
+        path,
+        od.Prior(path.x[0], std=np.ones(5)),
+        np.ones((4, 2), dtype=bool),
+        np.zeros((5, 0)),
+        1,
+        range(4000),
+        od.ExtendedKalmanFilter(),
+        None,
     )
     before, constant, *white = np.random.default_rng(2).standard_normal((4002, 3))
     flown = measurement_noise(system.model, np.array(white), constant, np.ones((4000, 3), dtype=bool), before)

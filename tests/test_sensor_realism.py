@@ -405,7 +405,15 @@ def drawn() -> tuple[np.ndarray, np.ndarray]:
     """Noise (R, N, q) and constant errors (R, q) of many runs, steps of half a second."""
     path = od.simulate(DRAWN, (0.0, 0.0, 0.0), np.tile([1.0, 0.1], (60, 1)), 0.5)
     task = _MonteCarloTask(
-        DRAWN, path, od.Prior(path.x[0], std=(1.0, 1.0, 1.0)), np.ones((60, 3), dtype=bool), np.zeros((3, 0)), 9, range(800), 1
+        DRAWN,
+        path,
+        od.Prior(path.x[0], std=(1.0, 1.0, 1.0)),
+        np.ones((60, 3), dtype=bool),
+        np.zeros((3, 0)),
+        9,
+        range(800),
+        od.ExtendedKalmanFilter(),
+        None,
     )
     draws = [_draws(task, run) for run in task.runs]
     return np.stack([draw[2] for draw in draws]), np.stack([draw[3] for draw in draws])

@@ -42,11 +42,7 @@ def simulate(
     require_tolerance(tolerance)
     start = as_state(system, x0, "x0")
     u_known, w_unknown = as_input_arrays(system, u, w)
-    if lengths.shape not in {(), (len(u_known),)}:
-        raise InputError(f"dt has shape {lengths.shape}: must be one number or ({len(u_known)},), one for each row of u")
-    with np.errstate(over="ignore"):
-        t = np.arange(len(u_known) + 1) * float(lengths) if lengths.ndim == 0 else np.append(0.0, np.cumsum(lengths))
-    require_positive("dt times the number of steps", float(t[-1]))
+    t = times_of(lengths, len(u_known))
     path = path_of(t, np.tile(start, (len(t), 1)), u_known, None if w is None else w_unknown, tolerance)
     along = system_along(system, path, is_sampling_given=True)
     u_rows, w_rows = inputs_along(along, path)
@@ -68,6 +64,16 @@ def as_lengths(dt: ArrayLike) -> np.ndarray:
     for k, length in enumerate(lengths.ravel().tolist()):
         require_positive(f"dt[{k}]" if lengths.ndim else "dt", length)
     return lengths
+
+
+def times_of(lengths: np.ndarray, steps: int) -> np.ndarray:
+    """Return the instants (N+1,) of N steps of lengths () or (N,) [s] from 0 on; raise InputError for another number of them."""
+    if lengths.shape not in {(), (steps,)}:
+        raise InputError(f"dt has shape {lengths.shape}: must be one number or ({steps},), one for each row of u")
+    with np.errstate(over="ignore"):
+        t = np.arange(steps + 1) * float(lengths) if lengths.ndim == 0 else np.append(0.0, np.cumsum(lengths))
+    require_positive("dt times the number of steps", float(t[-1]))
+    return t
 
 
 def substeps_needed(

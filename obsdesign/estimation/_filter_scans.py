@@ -20,12 +20,16 @@ from obsdesign.information.householder import triangular_factor
 
 @dataclass(frozen=True)
 class FilterKey:
-    """What the loops of a filter depend on: the filter, the length of a step, its sub-steps, and whether roots are carried."""
+    """What the loops of a filter depend on: the filter, the length of a step, its sub-steps, and whether roots are carried.
+
+    has_increments: whether a row is added to the state after each step, which the filter knows of.
+    """
 
     filter: AbstractFilter
     step: float
     substeps: int
     has_roots: bool
+    has_increments: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +45,12 @@ class _Graphs:
     samples: Samples
     noise: AbstractSpread
     noise_row: ca.SX
+    increment: ca.SX
+
+    @property
+    def step_rows(self) -> list[ca.SX]:
+        """The rows of a step: inputs, process noise, and increments if there are any."""
+        return [self.model.u, self.noise_row, *([self.increment[: self.model.x.numel(), :]] if self.key.has_increments else [])]
 
     def update(self) -> _Updated:
         """Take in the samples."""
@@ -56,7 +66,10 @@ class _Graphs:
 
     def move(self, belief: BeliefGraph) -> Moved:
         """Move a belief on."""
-        return self.key.filter.move(self.motion, belief, self.noise)
+        moved = self.key.filter.move(self.motion, belief, self.noise)
+        if not self.key.has_increments:
+            return moved
+        return Moved(BeliefGraph(moved.belief.mean + self.increment, moved.belief.spread), moved.loop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +102,11 @@ class _Updated:
 
 @lru_cache(CACHE_SIZE)
 def predict_scan(key: FilterKey, model: Model) -> Scan:
-    """Carry, rows u and noise -> carry one step later."""
+    """Carry, rows of a step -> carry one step later."""
     graphs = _graphs(key, model)
     moved = graphs.move(graphs.belief)
     carry = ca.vertcat(moved.belief.mean, moved.belief.spread.column, graphs.counters)
-    return Scan(graphs.carry, [model.u, graphs.noise_row], carry, loop=moved.loop)
+    return Scan(graphs.carry, graphs.step_rows, carry, loop=moved.loop)
 
 
 @lru_cache(CACHE_SIZE)
@@ -107,7 +120,7 @@ def update_scan(key: FilterKey, model: Model) -> Scan:
 
 @lru_cache(CACHE_SIZE)
 def filter_scan(key: FilterKey, model: Model) -> Scan:
-    """Carry, rows u, y, active and noise -> carry after an update and a step; results: mean (n,) and covariance (n n,) between them."""
+    """Carry, rows y, active and of a step -> carry after an update and a step; results: mean (n,) and covariance (n n,) between them."""
     graphs, n = _graphs(key, model), model.x.numel()
     updated = graphs.update()
     return _both(graphs, updated, [updated.belief.mean[:n, :], ca.vec(updated.belief.spread.covariance[:n, :n])])
@@ -123,7 +136,7 @@ def report_scan(key: FilterKey, model: Model) -> Scan:
 
 @lru_cache(CACHE_SIZE)
 def smoother_scan(key: FilterKey, model: Model) -> Scan:
-    """Carry (X, S) at t_k+1 given all samples, rows X and S at t_k given those until then, u and noise -> the same at t_k.
+    """Carry (X, S) at t_k+1 given all samples, rows X and S at t_k given those until then, and of a step -> the same at t_k.
 
     The lower triangular root of [F S Q^1/2; S 0] is [A 0; B D], so that P_k+1 = A A' is predicted, G = B A^-1 the gain, and
     X_k + G (X_k+1 - f(X_k)) with S_k S_k' = D D' + G S_k+1 S_k+1' G'.
@@ -134,9 +147,10 @@ def smoother_scan(key: FilterKey, model: Model) -> Scan:
     X_later = ca.SX.sym("X_later", n)
     prediction = key.filter.predict(graphs.motion, graphs.belief)
     gain, remainder = _smoother_gain(prediction, root_graph(graphs.noise))
-    mean = graphs.belief.mean + gain @ (X_later - prediction.mean)
+    predicted = prediction.mean + graphs.increment if key.has_increments else prediction.mean
+    mean = graphs.belief.mean + gain @ (X_later - predicted)
     column = root_of_columns(remainder, gain @ root_graph(later)).column
-    rows = [graphs.belief.mean, graphs.belief.spread.column, model.u, graphs.noise_row]
+    rows = [graphs.belief.mean, graphs.belief.spread.column, *graphs.step_rows]
     return Scan(ca.vertcat(X_later, later_column), rows, ca.vertcat(mean, column), loop=prediction.loop)
 
 
@@ -157,7 +171,7 @@ def _smoother_gain(prediction: Prediction, noise: ca.SX) -> tuple[ca.SX, ca.SX]:
 def _both(graphs: _Graphs, updated: _Updated, results: list[ca.SX]) -> Scan:
     """An update and a step."""
     moved, samples = graphs.move(updated.belief), graphs.samples
-    rows = [graphs.model.u, samples.y, samples.active, graphs.noise_row]
+    rows = [samples.y, samples.active, *graphs.step_rows]
     return Scan(graphs.carry, rows, updated.carry(moved.belief), results, loop=moved.loop)
 
 
@@ -167,9 +181,12 @@ def _graphs(key: FilterKey, model: Model) -> _Graphs:
     X = ca.vertcat(model.x, ca.SX.sym("errors", size - n))
     spread, column = spread_symbols("spread", size, key.has_roots)
     noise, noise_row = spread_symbols("noise", n, key.has_roots)
+    if model.is_per_step:
+        noise = noise.inflate(model.noise_scale**2)
     if key.has_roots and size > n:
         noise = RootSpread(ca.diagcat(root_graph(noise), motion.nuisance_noise))
     counters = ca.SX.sym("counters", 0 if key.filter.gate is None else 2 * len(model.channels))
     samples = Samples(model, motion.nuisance, ca.SX.sym("y", q), ca.SX.sym("active", q))
     carry = ca.vertcat(X, column, counters)
-    return _Graphs(key, model, motion, BeliefGraph(X, spread), counters, carry, samples, noise, noise_row)
+    increment = ca.vertcat(ca.SX.sym("increment", n), ca.SX.zeros(size - n))
+    return _Graphs(key, model, motion, BeliefGraph(X, spread), counters, carry, samples, noise, noise_row, increment)

@@ -34,7 +34,7 @@ class AbstractSpread(ABC):
         """Return the gain (n, 1) of a sample row x + noise of a variance >= 0, and what is left of P."""
 
     @abstractmethod
-    def inflate(self, factor: ca.SX) -> AbstractSpread:
+    def inflate(self, factor: ca.SX | float) -> AbstractSpread:
         """Return factor P."""
 
     @abstractmethod
@@ -72,7 +72,7 @@ class CovarianceSpread(AbstractSpread):
         reduced = _symmetric(self.P - gain @ cross.T)
         return gain, CovarianceSpread(_symmetric(reduced + (variance * gain - reduced @ row.T) @ gain.T))
 
-    def inflate(self, factor: ca.SX) -> CovarianceSpread:
+    def inflate(self, factor: ca.SX | float) -> CovarianceSpread:
         """Return factor P."""
         return CovarianceSpread(factor * self.P)
 
@@ -110,7 +110,7 @@ class RootSpread(AbstractSpread):
         v, cross = ca.sumsqr(f) + variance, self.S @ f
         return cross / _nonzero(v), RootSpread(self.S - cross @ f.T / _nonzero(v + ca.sqrt(variance * v)))
 
-    def inflate(self, factor: ca.SX) -> RootSpread:
+    def inflate(self, factor: ca.SX | float) -> RootSpread:
         """Return factor^1/2 S."""
         return RootSpread(ca.sqrt(factor) * self.S)
 

@@ -68,7 +68,7 @@ class FilterBank:
     def predict(self, belief: Belief, u: np.ndarray) -> Belief:
         """x+ = f(x, u), P+ = F P F' + Q with u (m,) common to all runs. Raises InputError for a step too coarse."""
         scan = predict_scan(self._key_for(belief.mean, u[None]), self.system.model)
-        return self._run_once(scan, belief, [u, self._process_noise])
+        return self._run_once(scan, belief, self._step_rows(u, None))
 
     def update(self, belief: Belief, y: np.ndarray, active: np.ndarray) -> Belief:
         """Take in the outputs y (R, q) of those that are active, (q,) or (R, q); angle residuals wrap.
@@ -79,54 +79,61 @@ class FilterBank:
         _require_finite(self.system, y[None], is_active[None])
         return self._run_once(update_scan(self._key(self.substeps or 1), self.system.model), belief, [y[:, None], is_active[:, None]])
 
-    def run(self, initial: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> Belief:
+    def run(self, initial: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray, increments: np.ndarray | None = None) -> Belief:
         """Return N+1 beliefs (N+1, R, ...): after the update at t_k for k < N, predicted at t_N; of a smoother, given all samples.
 
-        u (N, m), y (N, R, q), active (N, q) or (N, R, q). Raises InputError for an active output that is not finite, and a step too
-        coarse.
+        u (N, m), y (N, R, q), active (N, q) or (N, R, q), increments (N, n) or (R, N, n) that the filters know to be
+        added to the state after each step; None = 0. Raises InputError for an active output that is not finite, and a step too coarse.
         """
         if self.estimator.is_smoother:
-            return self.report(initial, u, y, active)[0]
+            return self.report(initial, u, y, active, increments)[0]
         n, steps = initial.mean.shape[1], len(u)
-        scan = filter_scan(self._key_for(initial.mean, u), self.system.model)
-        run = scan.run(self._pack(initial), self._rows(u, y, active), steps, carries=False)
+        scan = filter_scan(self._key_for(initial.mean, u, increments is not None), self.system.model)
+        run = scan.run(self._pack(initial), [*self._sample_rows(y, active), *self._step_rows(u, increments)], steps, carries=False)
         last = self._unpack(run.carry, n)
         means = np.concatenate([run.results[0], last.mean[:, None]], axis=1)
         covariances = np.concatenate([run.results[1].reshape(-1, steps, n, n), last.covariance[:, None]], axis=1)
         return Belief(means.swapaxes(0, 1), covariances.swapaxes(0, 1))
 
-    def report(self, initial: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> tuple[Belief, SampleReports]:
+    def report(
+        self, initial: Belief, u: np.ndarray, y: np.ndarray, active: np.ndarray, increments: np.ndarray | None = None
+    ) -> tuple[Belief, SampleReports]:
         """Return the same beliefs, and what became of the samples."""
-        key, n = self._key_for(initial.mean, u), initial.mean.shape[1]
-        run = report_scan(key, self.system.model).run(self._pack(initial), self._rows(u, y, active), len(u), carries=False)
+        key, n = self._key_for(initial.mean, u, increments is not None), initial.mean.shape[1]
+        rows = [*self._sample_rows(y, active), *self._step_rows(u, increments)]
+        run = report_scan(key, self.system.model).run(self._pack(initial), rows, len(u), carries=False)
         X, columns, *report = run.results
         reports = SampleReports(*(values.swapaxes(0, 1) for values in report[:3]), *(values.swapaxes(0, 1) > 0 for values in report[3:]))
         carries = np.concatenate([np.concatenate([X, columns], axis=2), run.carry[:, None, : self._width]], axis=1)
         if self.estimator.is_smoother:
-            carries = self._smooth(key, carries, u)
+            carries = self._smooth(key, carries, self._step_rows(u, increments))
         means, covariances = carries[..., :n], covariance_values(carries[..., self._size :], self._size, self._has_roots)[..., :n, :n]
         return Belief(means.swapaxes(0, 1), covariances.swapaxes(0, 1)), reports
 
-    def _smooth(self, key: FilterKey, carries: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def _smooth(self, key: FilterKey, carries: np.ndarray, step_rows: list[np.ndarray]) -> np.ndarray:
         """Return (R, N+1, .) given all samples, of the same given those until then."""
         backward, size = carries[:, -2::-1], self._size
-        rows = [backward[..., :size], backward[..., size:], u[::-1], self._process_noise]
-        earlier = smoother_scan(key, self.system.model).run(carries[:, -1], rows, len(u)).carries
+        rows = [backward[..., :size], backward[..., size:], *(row if row.ndim == 1 else row[..., ::-1, :] for row in step_rows)]
+        earlier = smoother_scan(key, self.system.model).run(carries[:, -1], rows, backward.shape[1]).carries
         return np.concatenate([earlier[:, ::-1], carries[:, -1:]], axis=1)
 
-    def _rows(self, u: np.ndarray, y: np.ndarray, active: np.ndarray) -> list[np.ndarray]:
+    def _step_rows(self, u: np.ndarray, increments: np.ndarray | None) -> list[np.ndarray]:
+        return [u, self._process_noise, *([] if increments is None else [increments])]
+
+    def _sample_rows(self, y: np.ndarray, active: np.ndarray) -> list[np.ndarray]:
         _require_finite(self.system, y, np.broadcast_to(active if active.ndim == 3 else active[:, None], y.shape))
         active_rows = active if active.ndim == 2 else np.swapaxes(active, 0, 1)
-        return [u, np.swapaxes(y, 0, 1), active_rows.astype(float), self._process_noise]
+        return [np.swapaxes(y, 0, 1), active_rows.astype(float)]
 
-    def _key_for(self, means: np.ndarray, u: np.ndarray) -> FilterKey:
+    def _key_for(self, means: np.ndarray, u: np.ndarray, has_increments: bool = False) -> FilterKey:
         """Return the key for means (R, n) that move under u (N, m)."""
         if self.substeps is not None:
-            return self._key(self.substeps)
-        return self._key(int(substeps_needed(self.system, means, u, self.step, None, self.tolerance).max(initial=1)))
+            return self._key(self.substeps, has_increments)
+        substeps = substeps_needed(self.system, means, u, self.step, None, self.tolerance)
+        return self._key(int(substeps.max(initial=1)), has_increments)
 
-    def _key(self, substeps: int) -> FilterKey:
-        return FilterKey(self.estimator.filter, self.step, substeps, self._has_roots)
+    def _key(self, substeps: int, has_increments: bool = False) -> FilterKey:
+        return FilterKey(self.estimator.filter, self.step, substeps, self._has_roots, has_increments)
 
     @property
     def _nuisance(self) -> NuisanceStates:

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
+from obsdesign.checks import all_finite, as_array, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.dynamics.simulation import as_inputs
+from obsdesign.dynamics.per_step import system_along
+from obsdesign.dynamics.simulation import as_inputs, as_lengths, inputs_along, times_of
 from obsdesign.errors import InputError
 from obsdesign.estimation.abstract import AbstractEstimator
 from obsdesign.estimation.estimate import Estimate
@@ -19,7 +20,7 @@ from obsdesign.estimation.filter_bank import Belief, FilterBank, SampleReports
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.prior import Prior
-from obsdesign.trajectory import TOLERANCE
+from obsdesign.trajectory import TOLERANCE, path_of
 
 
 @validate_arguments
@@ -28,30 +29,30 @@ def estimate_states(
     prior: Prior,
     u: ArrayLike,
     y: ArrayLike,
-    dt: float,
+    dt: ArrayLike,
     *,
     active: ArrayLike | None = None,
     disturbance_psd: ArrayLike | None = None,
     estimator: AbstractEstimator | None = None,
     tolerance: float = TOLERANCE,
 ) -> Estimate:
-    """Run a filter or a smoother on samples: N times an update with the samples at t_k = k dt, then a step with inputs held.
+    """Run a filter or a smoother on samples: N times an update with the samples at t_k, then a step with inputs held.
 
     Arguments:
         system: vehicle and sensors; unknown inputs count as 0, or are states: see InputStates.
         prior: what is known of x(t_0).
         u (N, m): known inputs, in their units.
         y (N, q): outputs, in their units, in the order of the sensors; what is not there may be anything, such as NaN.
-        dt: length of a step [s].
+        dt: length of a step [s], or (N,) those of all steps, of which each may be another; t_0 = 0.
         active (N, S): bool, which sensors have a sample; None = all, as often as their rates say.
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * dt; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd dt; None = none.
         estimator: an ExtendedKalmanFilter, IteratedExtendedKalmanFilter, UnscentedKalmanFilter or FixedIntervalSmoother, with or without
             a Gate; None = the first, without one.
         tolerance: relative error of the steps, in (0, 1).
     Raises InputError for shapes that do not fit, a sample that is there and not finite, a step too coarse for the dynamics, and
     estimates that leave the finite numbers.
     """
-    require_positive("dt", dt)
+    lengths = as_lengths(dt)
     require_tolerance(tolerance)
     model = system.model
     inputs, samples = as_inputs(u, len(model.inputs), "u"), as_array("y", y)
@@ -59,15 +60,17 @@ def estimate_states(
         raise InputError(f"prior has {prior.mean.size} states: the system has {len(model.states)} ({', '.join(model.state_names)})")
     if not len(inputs) or samples.shape != (len(inputs), len(model.outputs)):
         raise InputError(f"y has shape {samples.shape}: must be ({max(len(inputs), 1)}, {len(model.outputs)}), a row for each row of u")
-    arrived = _arrived(system, active, len(inputs), float(dt))
-    noise = noise_factor(disturbance_psd, len(model.states), float(dt))
-    bank = FilterBank(system, float(dt), noise @ noise.T, tolerance=tolerance, estimator=estimator or ExtendedKalmanFilter())
+    path = path_of(times_of(lengths, len(inputs)), np.tile(prior.mean, (len(inputs) + 1, 1)), inputs, None, tolerance)
+    along = system_along(system, path, active is not None)
+    arrived = _arrived(along, active, path.steps, path.pace)
+    noise = noise_factor(disturbance_psd, len(model.states), path.pace)
+    bank = FilterBank(along, path.pace, noise @ noise.T, tolerance=tolerance, estimator=estimator or ExtendedKalmanFilter())
     is_active = arrived[:, list(model.output_owner)]
     _require_samples(system, samples, is_active)
     start = Belief(prior.mean[None], prior.covariance[None])
-    belief, reports = bank.report(start, inputs, np.where(is_active, samples, 0.0)[:, None], is_active)
-    _require_estimates(system, belief, float(dt))
-    return _estimate(system, np.arange(len(inputs) + 1) * float(dt), belief, reports, arrived)
+    belief, reports = bank.report(start, inputs_along(along, path)[0], np.where(is_active, samples, 0.0)[:, None], is_active)
+    _require_estimates(system, belief, path.t)
+    return _estimate(system, path.t, belief, reports, arrived)
 
 
 def _arrived(system: AbstractSystem, active: ArrayLike | None, steps: int, dt: float) -> np.ndarray:
@@ -90,13 +93,13 @@ def _require_samples(system: AbstractSystem, y: np.ndarray, is_active: np.ndarra
         raise InputError(f"y[{k}, {j}] ({name}) is {y[k, j]}: a sample that is there must be finite; `active` says which are")
 
 
-def _require_estimates(system: AbstractSystem, belief: Belief, dt: float) -> None:
+def _require_estimates(system: AbstractSystem, belief: Belief, t: np.ndarray) -> None:
     if all_finite(belief.mean) and all_finite(belief.covariance):
         return
     values = np.concatenate([belief.mean[:, 0], np.diagonal(belief.covariance[:, 0], axis1=1, axis2=2)], axis=1)
     k, i = np.argwhere(~np.isfinite(values))[0] if not all_finite(values) else (0, 0)
     name = system.model.state_names[i % len(system.model.states)]
-    raise InputError(f"the estimate of {name} or its variance is {values[k, i]} at t = {k * dt:g} s: the motion runs away from the samples")
+    raise InputError(f"the estimate of {name} or its variance is {values[k, i]} at t = {t[k]:g} s: the motion runs away from the samples")
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,11 @@ from obsdesign.checks import as_array, require_count
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.dynamics.simulation import readings, simulate, states_from, substeps_along
+from obsdesign.dynamics.per_step import system_along
+from obsdesign.dynamics.simulation import inputs_along, readings, states_from, substeps_along
 from obsdesign.errors import InputError
+from obsdesign.estimation.abstract import AbstractEstimator
+from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
@@ -100,7 +103,8 @@ class _MonteCarloTask:
     noise: np.ndarray
     seed: int
     runs: range
-    substeps: int
+    estimator: AbstractEstimator
+    remainder: np.ndarray | None
 
 
 @validate_arguments
@@ -115,14 +119,17 @@ def validate(
     executor: Executor | None = None,
     disturbance_psd: ArrayLike | None = None,
     progress: Progress | None = None,
+    estimator: AbstractEstimator | None = None,
 ) -> Validation:
-    """Run an EKF on simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
+    """Run a filter on simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
     NEES e'P^-1 e, averaged over the runs, is n for an honest filter; RMSE is compared with sqrt(diag(J^-1)).
-    Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise; its samples have the sensors' correlated,
-    joint and constant errors, and are missing out of range and view. Each filter starts at a draw from N(x(t_0), P_0), knows the psd and
-    how the errors come about, which it estimates with the state, and takes unknown inputs as 0: only the bound is that of somebody who
-    knows them.
+    Truth follows the path's inputs from x(t_0), known and unknown ones, with process noise. A path that was driven does what no input
+    tells of: r_k = x_k+1 - f(x_k, u_k, w_k), beyond its tolerance. There truth is the path itself, and process noise is in what filters
+    are told of r_k: the same errors, to first order, without a drift that was never driven. Samples have the sensors' correlated, joint
+    and constant errors, and are missing out of range and view. Each filter starts at a draw from N(x(t_0), P_0), knows the psd and
+    how the errors come about, which it estimates with the state, and takes unknown inputs as 0: only the bound is that of somebody
+    who knows them.
 
     Arguments:
         system: vehicle and sensors.
@@ -134,31 +141,39 @@ def validate(
         executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
         progress: is called with what is being done, as it begins; None = nobody is told.
+        estimator: which filter; None = an ExtendedKalmanFilter that takes all samples in. A smoother may well be better than
+            the bound, which is of the samples so far.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
     require_count("seed", seed, minimum=0)
     require_fit(system, path)
-    # what the truth follows, whatever else moved the path given
-    path = simulate(system, path.x[0], path.u, path.step, path.w, tolerance=path.tolerance)
     active, report = active_steps(system, path, schedule), StageReport(_LOGGER, progress)
     report("the posterior bound")
     J = posterior_information(system, path, prior, disturbance_psd, active=active)
-    noise = noise_factor(disturbance_psd, path.x.shape[1], path.step)
+    noise, along = noise_factor(disturbance_psd, path.x.shape[1], path.pace), system_along(system, path, schedule is not None)
+    remainder, chosen = motion_beyond_model(along, path), estimator or ExtendedKalmanFilter()
     chunks = [range(first, min(first + _RUNS_PER_TASK, runs)) for first in range(0, runs, _RUNS_PER_TASK)]
-    substeps = substeps_along(system, path)
-    tasks = [_MonteCarloTask(system, path, prior, active, noise, seed, chunk, substeps) for chunk in chunks]
+    tasks = [_MonteCarloTask(along, path, prior, active, noise, seed, chunk, chosen, remainder) for chunk in chunks]
     results = []
     for chunk, result in zip(chunks, map(_run_filters, tasks) if executor is None else executor.map(_run_filters, tasks), strict=True):
         results.append(result)
         report(f"{chunk.stop} of {runs} filter runs done")
-    errors, nees = (np.concatenate(parts, axis=1) for parts in zip(*results, strict=True))
-    return _assess_consistency(path.t, np.sqrt(np.mean(errors**2, axis=1)), standard_deviations(J), nees, seed)
+    squares, nees = zip(*results, strict=True)
+    return _assess_consistency(path.t, np.sqrt(sum(squares) / runs), standard_deviations(J), np.concatenate(nees, axis=1), seed)
+
+
+def motion_beyond_model(system: AbstractSystem, path: Trajectory) -> np.ndarray | None:
+    """Return r_k = x_k+1 - f(x_k, u_k, w_k) (N, n) along a path, None where it is within the tolerance; system as along the path."""
+    u, w = (rows[:, None] for rows in inputs_along(system, path))
+    steps = states_from(system, path.x[:-1], u, path.pace, w, substeps=substeps_along(system, path))
+    remainder, size = path.x[1:] - steps[:, 1], np.abs(path.x).max(axis=0) + np.abs(np.diff(path.x, axis=0)).max(axis=0)
+    return remainder if (np.abs(remainder) > path.tolerance * size).any() else None
 
 
 def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None) -> np.ndarray:
     """Return (N, S) bool: where a sensor is on by the schedule and has a sample."""
-    mask = sampling_mask(system, path.steps, path.step)
+    mask = sampling_mask(system_along(system, path, schedule is not None), path.steps, path.pace)
     if schedule is None:
         return mask
     if isinstance(schedule, Schedule) and not schedule.status.has_answer:
@@ -174,23 +189,27 @@ def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | 
 
 @one_thread()
 def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (N+1, R, n) and NEES (N+1, R) of one chunk of runs."""
-    system, path = task.system, task.path
-    model = system.model
+    """Return sums of squared errors (N+1, n) and NEES (N+1, R) of one chunk of runs."""
+    system, path, model = task.system, task.path, task.system.model
     draws = [_draws(task, run) for run in task.runs]
     initial_errors, process_noise, varying, constant = (np.stack(parts) for parts in zip(*draws, strict=True))
-    truth = states_from(system, np.tile(path.x[0], (len(task.runs), 1)), path.u, path.step, path.w, process_noise, substeps=task.substeps)
+    substeps, (u, w) = substeps_along(system, path), inputs_along(system, path)
+    if task.remainder is None:
+        starts = np.tile(path.x[0], (len(task.runs), 1))
+        truth, told = states_from(system, starts, u, path.pace, w, process_noise, substeps=substeps), None
+    else:
+        truth, told = path.x[None], process_noise + task.remainder
     path_readings = readings(system, truth[:, :-1])
     y = MeasurementNoise(varying, constant).added_to(path_readings)
-    owner = np.array(model.output_owner)
-    active = task.active[:, owner] & (path_readings.gate > GATE_THRESHOLD)
-    estimator = FilterBank(system, path.step, task.noise @ task.noise.T, task.substeps)
+    active = task.active[:, list(model.output_owner)] & (path_readings.gate > GATE_THRESHOLD)
+    active = np.broadcast_to(active, y.shape)
+    bank = FilterBank(system, path.pace, task.noise @ task.noise.T, substeps, estimator=task.estimator)
     initial = Belief(path.x[0] + initial_errors, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
-    belief = estimator.run(initial, path.u, y.swapaxes(0, 1), active.swapaxes(0, 1))
+    belief = bank.run(initial, u, y.swapaxes(0, 1), active.swapaxes(0, 1), told)
     is_angle = np.array([state.is_angle for state in model.states])
     errors = wrap_columns(belief.mean - truth.swapaxes(0, 1), is_angle)
     weighted = np.linalg.solve(belief.covariance, errors[..., None])[..., 0]
-    return errors, np.einsum("kri,kri->kr", errors, weighted)
+    return np.sum(errors**2, axis=1), np.einsum("kri,kri->kr", errors, weighted)
 
 
 def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -199,8 +218,10 @@ def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.
     model, path = task.system.model, task.path
     initial_error = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(path.x.shape[1])
     process_noise = random.standard_normal((path.steps, task.noise.shape[1])) @ task.noise.T
+    if not path.is_even:
+        process_noise *= np.sqrt(path.lengths)[:, None]
     white = random.standard_normal((path.steps, len(model.outputs)))
-    is_sampled = sampling_mask(task.system, path.steps, path.step)[:, list(model.output_owner)]
+    is_sampled = sampling_mask(task.system, path.steps, path.pace)[:, list(model.output_owner)]
     noise = measurement_noise(model, white, random.standard_normal(white.shape[1]), is_sampled)
     return initial_error, process_noise, noise.varying, noise.constant
 
