@@ -28,6 +28,9 @@ from .curves import Curve as Curve
 from .curves import shortest_curve as shortest_curve
 from .design.floor import Floor as Floor
 from .design.multistart import design_trajectory as design_trajectory
+from .design.path_bound.certificate import PathBound as PathBound
+from .design.path_bound.certificate import PathCertificate as PathCertificate
+from .design.path_bound.proof import check_path_bound as check_path_bound
 from .design.problem import DesignProblem as DesignProblem
 from .design.record import Design as Design
 from .design.record import Evidence as Evidence

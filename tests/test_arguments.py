@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 import obsdesign as od
 from obsdesign.arguments import validate_arguments
+from obsdesign.design.path_bound.proof import path_bound_of
 
 X = ca.SX.sym("x", 2)
 BEACON = (50.0, 20.0)
@@ -36,6 +37,7 @@ PROBLEM = {
     "bounds": {"turn_rate": (-0.3, 0.3)},
 }
 DESIGN_PROBLEM = od.DesignProblem(**PROBLEM)
+CERTIFICATE = path_bound_of(DESIGN_PROBLEM).certificate
 ALONG = {"system": SYSTEM, "path": PATH}
 FROM_START = {"system": SYSTEM, "x0": PATH.x[0], "u": U, "dt": 0.5}
 THREE = od.System(od.Unicycle(), tuple(od.Bearing(place, 0.1) for place in ((2.0, 0.0), (-1.0, 1.7), (-1.0, -1.7))))
@@ -58,6 +60,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "information_value": {**FROM_START, "criterion": od.LogDet()},
     "standard_deviations": {"J": np.eye(3)},
     "observability": {"system": od.ControlAffineSystem(**LINEAR)},
+    "check_path_bound": {"problem": DESIGN_PROBLEM, "certificate": CERTIFICATE},
     "circle_residuals": {"system": THREE, "path": od.simulate(THREE, [0.0, 0.0, 0.1], np.tile([0.3, 0.1], (8, 1)), 0.5)},
     "landmark_circle": {"landmarks": CORNERS},
     "shortest_curve": {"start": (0.0, 0.0, 0.0), "end": (5.0, 5.0, 1.0), "radius": 1.0},
@@ -140,6 +143,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "UnavailableOutside": {"sensor": 0, "centre": BEACON, "radius": 1.0},
     "Unicycle": {},
     "UnscentedKalmanFilter": {"kappa": 1.0},
+    "PathCertificate": {"level": 1.0, "share": 0.1, "lengths": (1, 1), "multipliers": (1.0,)},
     "Via": {"point": BEACON, "tolerance": 1.0},
 }
 # records that obsdesign returns, enumerations, errors: nothing that a user gives goes into them
@@ -157,6 +161,7 @@ RETURNED = (
         "Joint",
         "Loss",
         "ObsdesignError",
+        "PathBound",
     ),
     *(
         "Pareto",

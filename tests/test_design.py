@@ -98,7 +98,7 @@ def flown(problem: od.DesignProblem, u: np.ndarray) -> tuple[od.Trajectory, floa
 def test_the_value_is_that_of_the_path_that_is_returned(course: od.Design):
     problem = course.problem
     path, value = flown(problem, course.trajectory.u)
-    assert course.status is od.Status.LOCALLY_OPTIMAL
+    assert course.ended is od.Status.LOCALLY_OPTIMAL
     np.testing.assert_allclose(path.x, course.trajectory.x, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(course.trajectory.t, 0.4 * np.arange(51), rtol=1e-12)
     assert course.value == pytest.approx(value, rel=1e-10)
@@ -166,7 +166,7 @@ def test_a_design_says_what_it_came_to(course: od.Design):
     assert course.seconds > 0
     assert course.objective == course.value
     (winner,) = [start for start in course.starts if start.value == course.value]
-    assert (course.iterations, course.residual, course.status) == (winner.iterations, winner.residual, winner.status)
+    assert (course.iterations, course.residual, course.ended) == (winner.iterations, winner.residual, winner.status)
     values = [optimum.value for optimum in course.optima]
     assert values == sorted(values, reverse=True)
     assert values[0] == pytest.approx(course.value, rel=1e-6)

@@ -319,7 +319,7 @@ def test_a_budget_of_length_is_exact_at_any_speed(speed: float):
     budget = od.Budget(od.PathLength(), 10 * speed * (1 + 1e-6))
     path = od.PiecewiseConstant(5)
     problem = asked(system, duration=10.0, step=1.0, path=path, scale=[5 * speed, 5 * speed, 0.3], budgets=(budget,))
-    assert od.design_trajectory(problem, starts=1).status is od.Status.LOCALLY_OPTIMAL
+    assert od.design_trajectory(problem, starts=1).ended is od.Status.LOCALLY_OPTIMAL
 
 
 @pytest.mark.parametrize("family", [od.PiecewiseConstant(4), od.BSpline(6)], ids=["pieces", "spline"])

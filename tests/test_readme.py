@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zipfile
 
+import pytest
 from conftest import ROOT
 
 README = (ROOT / "README.md").read_text()
@@ -22,7 +23,9 @@ def printed_by_example(number):
 def test_the_library_example_runs_and_says_what_it_promises():
     first, second, *_ = printed_by_example(0)
     assert first.startswith("heading cannot be told from wind_x, wind_y: ")
-    assert second.startswith("locally optimal")
+    value, bound, gap = map(float, second.split())
+    assert 0 < value <= bound
+    assert gap == pytest.approx(1 - value / bound)
 
 
 def test_the_verdict_example_runs_and_says_what_it_promises():

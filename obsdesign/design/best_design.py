@@ -13,9 +13,9 @@ from obsdesign.design.feasible_search import FeasibilitySearch
 from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
 from obsdesign.design.nlp.criterion_objective import CriterionObjective
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.record import Cap, Design, Optimum, Robustness, Start
+from obsdesign.design.record import Design, Optimum, Robustness, Start
 from obsdesign.design.sqp.combination import Smallest
-from obsdesign.design.upper_bound import cap_of
+from obsdesign.design.upper_bound import Cap, cap_of
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
@@ -105,7 +105,7 @@ def _build_design(problem: DesignProblem, attempt: _Attempt, starts: tuple[Start
         trajectory=path,
         information=variational_gramian(problem.system, path),
         value=problem.value(path),
-        status=start.status,
+        ended=start.status,
         starts=starts,
         cap=cap,
         objective=start.value,

@@ -81,13 +81,13 @@ def design_trajectory(
         design = Design(problem, None, None, np.nan, Status.INFEASIBLE, (), reason=unreachable)
     else:
         design = _best_duration(problem, starts, seed, executor, report)
-        if evidence and design.status.has_answer:
+        if evidence and design.ended.has_answer:
             report(f"{evidence} local solves about how much better another path might be")
             design = evidence_for(design, evidence, seed, executor)
     design = replace(design, seconds=perf_counter() - start_time)
-    if throw and not design.status.has_answer:
+    if throw and not design.ended.has_answer:
         raise SolveError(
-            f"trajectory design, all {len(design.starts)} starts" if design.starts else "trajectory design", design.status, design.reason
+            f"trajectory design, all {len(design.starts)} starts" if design.starts else "trajectory design", design.ended, design.reason
         )
     return design
 
@@ -102,12 +102,12 @@ class _DesignAttempt:
     @property
     def rank(self) -> float:
         """What is maximised, -inf without an answer."""
-        return self.design.objective if self.design.status.has_answer else -np.inf
+        return self.design.objective if self.design.ended.has_answer else -np.inf
 
     @property
     def order(self) -> tuple[bool, float, float]:
         """What is better is larger: an answer, its objective, how near to the limits."""
-        answered = self.design.status.has_answer
+        answered = self.design.ended.has_answer
         return answered, self.rank, 0.0 if answered or self.nearest is None else self.nearest.margin
 
 
@@ -137,7 +137,7 @@ def _spread_steps(low: int, high: int, spacing: int) -> list[int]:
 def _explain(attempt: _DesignAttempt, seed: int) -> Design:
     """Return a design; one without an answer with the reason for that, or with an answer that was come upon in looking for it."""
     design, nearest = attempt.design, attempt.nearest
-    if design.status.has_answer or nearest is None or not design.status.is_infeasible:
+    if design.ended.has_answer or nearest is None or not design.ended.is_infeasible:
         return design
     explanation = explain(design.problem, nearest, seed)
     if explanation.answer is not None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,15 +15,11 @@ from obsdesign.information.blocks import Information
 from obsdesign.status import Status
 from obsdesign.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from obsdesign.design.path_bound.certificate import PathBound
+    from obsdesign.design.upper_bound import Cap
 
-@dataclass(frozen=True)
-class Cap:
-    """An upper bound on lambda_min(S W S) of every path: the smallest eigenvalue of a block that no path changes."""
-
-    value: float
-    """The bound."""
-    states: tuple[str, ...]
-    """Names of the states of that block."""
+_CLOSED = 1e-4  # gap at which a path counts as the best there is
 
 
 @dataclass(frozen=True)
@@ -106,8 +104,8 @@ class Design(AbstractDisplay):
     """What its samples say about x(t_0); None without an answer."""
     value: float
     """The criterion, recomputed from the path; NaN without an answer."""
-    status: Status
-    """How the solve ended."""
+    ended: Status
+    """How the search ended, whatever is known of other paths."""
     starts: tuple[Start, ...]
     """What each initial guess came to."""
     cap: Cap | None = None
@@ -140,6 +138,8 @@ class Design(AbstractDisplay):
         rows = [("value", number(self.value))]
         if self.objective != self.value:
             rows.append(("objective", number(self.objective)))
+        if self.ended.has_answer:
+            rows.append(("bound of every path", f"{number(self.bound)}, gap {self.gap:.2%}" if np.isfinite(self.bound) else "none"))
         if self.cap is not None:
             rows.append(("cap of every path", f"{number(self.cap.value)}{', reached' * self.reaches_cap}"))
         if self.evidence is not None:
@@ -153,6 +153,31 @@ class Design(AbstractDisplay):
             rows.append(("reason", self.reason))
         picture = "" if path is None else state_picture(path.x)
         return Summary(f"design: {self.status.value}", tuple(rows), picture)
+
+    @cached_property
+    def proof(self) -> PathBound:
+        """What proves `bound`, computed when first asked for: a fraction of a second, seconds for more than 100 pieces."""
+        from obsdesign.design.path_bound.proof import path_bound_of
+
+        return path_bound_of(self.problem, self.value)
+
+    @property
+    def bound(self) -> float:
+        """No path of `proof.class_of_paths` has a value above this; inf where nothing is proven."""
+        return self.proof.bound
+
+    @property
+    def gap(self) -> float:
+        """How far the value may be below the best there is: 1 - value / bound, or value / bound - 1 below 0; NaN without a bound."""
+        ratio = self.value / self.bound if np.isfinite(self.bound) and self.bound else float("nan")
+        return ratio - 1 if self.bound < 0 else 1 - ratio
+
+    @property
+    def status(self) -> Status:
+        """How the solve ended: OPTIMAL with a gap of 1e-4 at most, GAP_OPEN with a larger one, LOCALLY_OPTIMAL where there is no bound."""
+        if not self.ended.has_answer or not np.isfinite(self.bound):
+            return self.ended
+        return Status.OPTIMAL if self.gap <= _CLOSED else Status.GAP_OPEN
 
     @property
     def reaches_cap(self) -> bool:

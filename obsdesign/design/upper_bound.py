@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.design.problem import DesignProblem
-from obsdesign.design.record import Cap
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.step import blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import Colour, colour_of
 from obsdesign.information.whitening import outputs_with_colour
 from obsdesign.round_off import smallest_eigenvalue
+
+
+@dataclass(frozen=True)
+class Cap:
+    """An upper bound on lambda_min(S W S) of every path: the smallest eigenvalue of a block that no path changes."""
+
+    value: float
+    """The bound."""
+    states: tuple[str, ...]
+    """Names of the states of that block."""
 
 
 def cap_of(problem: DesignProblem) -> Cap | None:

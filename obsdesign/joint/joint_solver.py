@@ -179,8 +179,8 @@ def _build_joint(
 ) -> Joint[AnySchedule]:
     first, second = (answer.record for answer in one_sided)
     if not results:
-        unanswered = one_sided[0] if not one_sided[0].design.status.has_answer else one_sided[1]
-        status = unanswered.schedule.status if unanswered.design.status.has_answer else unanswered.design.status
+        unanswered = one_sided[0] if not one_sided[0].design.ended.has_answer else one_sided[1]
+        status = unanswered.schedule.status if unanswered.design.ended.has_answer else unanswered.design.ended
         status = Status.NUMERICAL_ERROR if status.has_answer else status
         return Joint(unanswered.design, unanswered.schedule, np.nan, np.nan, first, second, (), "", np.nan, status, 0.0)
     best = certify(joint_problem, max((*results, *rounded_results), key=lambda result: result.pair.objective))  # the first of equals

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.design.record import Cap, Design
+from obsdesign.design.record import Design
+from obsdesign.design.upper_bound import Cap
 from obsdesign.estimation.validation import SETTLING_SHARE, active_steps
 from obsdesign.information.posterior import posterior_information
 from obsdesign.joint.result import Joint

@@ -128,6 +128,24 @@ class EvidencePart(DocumentPart):
     in_words: str
 
 
+class PathCertificatePart(DocumentPart):
+    """What `check_path_bound` proves the bound from; no multipliers: the bound is the cap."""
+
+    level: float = Field(description="where the quadratic form of every path ends")
+    share: float = Field(description="of it that Young's inequality takes for what pieces leave out")
+    lengths: list[int] = Field(description="steps of each piece of the Gram matrix")
+    multipliers: list[float] = Field(description="of the constraints on that matrix")
+
+
+class PathBoundPart(DocumentPart):
+    """What proves that no path of a class is better."""
+
+    class_of_paths: str
+    left_out: list[str] = Field(description="what the bound makes no use of")
+    reason: str = Field(description="why there is no bound, or none but the cap; empty where the relaxation gave it")
+    certificate: PathCertificatePart | None
+
+
 class DesignPart(DocumentPart):
     """The path designed for a suite of sensors."""
 
@@ -139,6 +157,9 @@ class DesignPart(DocumentPart):
     residual: Number = Field(description="projected gradient of the Lagrangian, in units of the objective")
     iterations: int
     cap: CapPart | None
+    bound: Number = Field(description="no path has a value above it; null: none is proven")
+    gap: Number = Field(description="1 - value / bound; value / bound - 1 where that is negative; null: no bound")
+    proof: PathBoundPart
     optima: list[OptimumPart] = Field(description="distinct ones among the refined starts, best first")
     robustness: RobustnessPart | None
     evidence: EvidencePart | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+from obsdesign.design.path_bound.certificate import PathBound
 from obsdesign.design.record import Design, Evidence, Start
 from obsdesign.design.violation import Violation
 from obsdesign.information.contribution_shares import Contributions
@@ -13,6 +14,8 @@ from obsdesign.report.document_parts import (
     DesignPart,
     EvidencePart,
     OptimumPart,
+    PathBoundPart,
+    PathCertificatePart,
     PathPart,
     QualityPart,
     RobustnessPart,
@@ -39,10 +42,23 @@ def design_part(design: Design) -> DesignPart:
         residual=design.residual,
         iterations=design.iterations,
         cap=None if cap is None else CapPart(value=cap.value, states=list(cap.states), reached=design.reaches_cap),
+        bound=design.bound,
+        gap=design.gap,
+        proof=_proof(design.proof),
         optima=[OptimumPart(value=optimum.value, starts=list(optimum.starts)) for optimum in design.optima],
         robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
         evidence=None if evidence is None else _evidence(evidence),
         starts=[_start(start) for start in design.starts],
+    )
+
+
+def _proof(proof: PathBound) -> PathBoundPart:
+    certificate = proof.certificate
+    return PathBoundPart(
+        class_of_paths=proof.class_of_paths,
+        left_out=list(proof.left_out),
+        reason=proof.reason,
+        certificate=None if certificate is None else PathCertificatePart(**asdict(certificate)),
     )
 
 

@@ -77,7 +77,7 @@ def _paths(result: Result) -> Table:
         for name, path in result.paths.items()
     ]
     columns = (TableColumn("path"), TableColumn("meets constraints"), *(TableColumn(f"value ({suite})", _number) for suite in suites))
-    caps = tuple(filter(None, (_cap(suite, design) for suite, design in result.designs.items())))
+    caps = tuple(filter(None, (each(suite, design) for suite, design in result.designs.items() for each in (_cap, _bound))))
     return tabulate("2 How?", "value: more is better; no unit, scaled by the prior", columns, rows, caps)
 
 
@@ -88,6 +88,13 @@ def _value(value: float | None) -> float:
 
 def _number(value: float) -> str:
     return f"{0.0 if abs(value) < 1e-6 else value:,.5g}"
+
+
+def _bound(suite: str, design: DesignPart) -> str:
+    if design.bound is None or design.value is None or design.proof.certificate is None or not design.proof.certificate.multipliers:
+        return ""
+    gap = "" if design.gap is None else f"; {design.gap:.2%} from the value"
+    return f"designed for {suite}: proven, no path is above {design.bound:,.5g}{gap}"
 
 
 def _cap(suite: str, design: DesignPart) -> str:

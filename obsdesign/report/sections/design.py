@@ -14,6 +14,7 @@ from obsdesign.report.sections._paths import contributions_table, path_value, pa
 from obsdesign.report.table import Table, TableColumn, Toned, tabulate
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.signals import DEGREES_PER_RADIAN
+from obsdesign.status import Status
 from obsdesign.study.record import Study
 
 _MAX_NAMED = 4  # optima that are named
@@ -34,10 +35,21 @@ def _answer(study: Study) -> str:
     names = dict.fromkeys((study.baseline, *(baseline.name for baseline in study.scenario.baselines), STRAIGHT, WEAVE))
     rivals = [f"{_gain(study, ours, path_value(study, name))} {path_in_words(name)}" for name in names if name in path_names]
     design, name = study.designs[0], criterion_name(study)
-    return (
-        f"Take the coloured path: with all sensors on, {name} is {numeral(ours)}, {join(rivals)}; "
-        f"it is {design.status.value}, not proven global."
-    )
+    return f"Take the coloured path: with all sensors on, {name} is {numeral(ours)}, {join(rivals)}; {_standing(design)}."
+
+
+def _standing(design: Design) -> str:
+    """Say what is proven of all other paths."""
+    return f"{_others(design)}, and that is proven" if np.isfinite(design.bound) else f"it is {design.status.value}, not proven global"
+
+
+def _others(design: Design) -> str:
+    """How much better another path may be at most, where there is a bound."""
+    if design.status is Status.OPTIMAL:
+        return "no path is better"
+    if not design.problem.criterion.scales_with_information:
+        return f"no path is above {numeral(design.bound, 5)}"
+    return f"no path is better by more than {percent((design.bound - design.value) / abs(design.value))}"
 
 
 def _gain(study: Study, ours: float, theirs: float) -> str:
@@ -107,7 +119,14 @@ def starts_table(study: Study, suite: int) -> Table:
 def design_in_words(study: Study, i: int) -> str:
     """Say of the design for a suite what its starts came to, and what else is known about it."""
     design, who = study.designs[i], facts.sensors_in_words(study, study.suites[i])
-    parts = (_optima(design), _duration(study, design), _prices(study, design), _robustness(study, design), _evidence(study, design))
+    parts = (
+        _optima(design),
+        _duration(study, design),
+        _prices(study, design),
+        _robustness(study, design),
+        _proof(design),
+        _evidence(study, design),
+    )
     return f"Designed for {who}: {' '.join(filter(None, parts))}"
 
 
@@ -163,6 +182,16 @@ def _robustness(study: Study, design: Design) -> str:
         f"{criterion_name(study)} is {numeral(result.mean)} on average, at least {numeral(result.five_percent)} in 95{NARROW}% of them and "
         f"{numeral(result.worst)} at worst."
     )
+
+
+def _proof(design: Design) -> str:
+    """Say what no path exceeds, which paths that is about, and what the bound made no use of."""
+    proof = design.proof
+    if not np.isfinite(proof.bound):
+        return f"No bound on other paths is proven: {proof.reason}." if proof.reason else ""
+    left_out = f" It makes no use of: {join(proof.left_out)}." if proof.left_out else ""
+    why = f" A nearer one was looked for: {proof.reason}." if proof.reason else ""
+    return f"Proven: {_others(design)}, of {proof.class_of_paths}; the bound is {numeral(proof.bound, 5)}.{left_out}{why}"
 
 
 def _evidence(study: Study, design: Design) -> str:

@@ -1,0 +1,293 @@
+"""No path is above the bound, every path's own Gram matrix keeps the relaxation's constraints, and wrong certificates are refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+from gram_vectors import gram_vectors, shortfalls
+
+import obsdesign as od
+from benchmarks.missions import mission, plateau
+from obsdesign.design.path_bound.arcs import arcs_of
+from obsdesign.design.path_bound.proof import path_bound_of
+from obsdesign.design.path_bound.relaxation import relaxation_of
+
+ROUNDING = 1e-13  # of squares of vectors of length 1
+
+
+def short_mission(**changes) -> od.DesignProblem:
+    """12 turn rates of 3 steps each, GPS and compass, in wind."""
+    asked = {
+        "system": od.System(od.Dubins(2.0, wind="constant"), (od.GPS(1.5), od.Magnetometer(0.5))),
+        "start": (3.0, -2.0, 0.4, 0.5, -0.3),
+        "duration": 18.0,
+        "step": 0.5,
+        "path": od.PiecewiseConstant(12),
+        "bounds": {"turn_rate": (-0.4, 0.4)},
+        "scale": (5.0, 5.0, 0.2, 1.0, 1.0),
+    }
+    return od.DesignProblem(**(asked | changes))
+
+
+def parameters(problem: od.DesignProblem, random: np.random.Generator) -> np.ndarray:
+    """Random ones, all at their limits, or switching between them."""
+    lower, upper = problem.path.box(problem.grid)
+    kind = random.integers(3)
+    if kind == 0:
+        return random.uniform(lower, upper)
+    wave = np.sin(np.linspace(0, random.uniform(1, 40), len(lower)) + random.uniform(0, 6))
+    return np.where((random.uniform(size=len(lower)) < 0.5) if kind == 1 else wave > 0, lower, upper)
+
+
+def variants() -> dict[str, od.DesignProblem]:
+    """Problems of every kind that the relaxation takes."""
+    no_wind = {"start": (3.0, -2.0, 0.4), "scale": (5.0, 5.0, 0.2)}
+    beacon = (60.0, 20.0)
+    sighted = (od.Range(beacon, 1.0, sigma_per_metre=0.01), od.Bearing((4.0, 6.0), 0.1), od.GPS(3.0, rate=1.0, correlation=0.3))
+    known = np.diag([0.02, 0.03, 4.0, 1.0, 2.0]) + 0.01
+    return {
+        "GPS and compass": short_mission(),
+        "one step pieces": short_mission(path=od.PiecewiseConstant(36)),
+        "pieces of unequal length": short_mission(path=od.PiecewiseConstant(13)),
+        "coarse steps": short_mission(duration=36.0, step=1.0, bounds={"turn_rate": (-0.9, 0.7)}),
+        "spline": short_mission(path=od.BSpline(6)),
+        "slow and fast": short_mission(
+            system=od.System(od.Unicycle(wind="constant"), (od.GPS(1.5),)), bounds={"turn_rate": (-0.4, 0.4), "speed": (1.0, 2.0)}
+        ),
+        "forth and back": short_mission(
+            system=od.System(od.Unicycle(), (od.GPS(1.5),)), bounds={"turn_rate": (-0.4, 0.4), "speed": (-1.0, 2.0)}, **no_wind
+        ),
+        "sideways": short_mission(
+            system=od.System(od.Omnidirectional(), (od.GPS(1.5),)),
+            bounds={"turn_rate": (-0.4, 0.4), "forward": (-1.0, 2.0), "sideways": (-1.0, 0.5)},
+            **no_wind,
+        ),
+        "beacons": short_mission(
+            system=od.System(od.Dubins(2.0, wind="constant"), sighted), constraints=(od.StandOff(2.0, landmarks=((4.0, 6.0),)),)
+        ),
+        "joint noise": short_mission(
+            system=od.System(
+                od.Dubins(2.0, wind="constant"),
+                (od.GPS(1.0), od.Magnetometer(0.2, inflation=1.5)),
+                joint_noise={("gps", "magnetometer"): [[1.0, 0.3, 0.1], [0.3, 2.0, 0.0], [0.1, 0.0, 0.04]]},
+            )
+        ),
+        "something known": short_mission(known=known),
+        "half of it": short_mission(weights=np.array([[1.0, 0.0], [0.3, 1.0]]), scale=(5.0, 4.0, 0.2, 1.0, 1.1)),
+        "about some": short_mission(about=("x", "y", "heading")),
+        "log det": short_mission(criterion=od.LogDet()),
+        "trace inverse": short_mission(criterion=od.TraceInverse(), known=np.diag([0.0, 0.0, 1.0, 0.0, 0.0])),
+    }
+
+
+VARIANTS = variants()
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_path_keeps_the_constraints_and_has_at_least_the_form_of_its_value(name):
+    problem, random = VARIANTS[name], np.random.default_rng(4)
+    relaxation, proof = relaxation_of(problem), path_bound_of(problem)
+    assert np.isfinite(proof.bound)
+    assert od.check_path_bound(problem, proof.certificate) == proof.bound
+    for _ in range(12):
+        path = problem.path_of(parameters(problem, random))
+        vectors = gram_vectors(problem, relaxation, path)
+        assert shortfalls(relaxation, vectors).max() <= ROUNDING
+        if all(np.hypot(*(path.x[:, :2] - (4.0, 6.0)).T).min() > limit.distance for limit in problem.constraints):
+            assert problem.value(path) <= proof.bound
+            assert form_over_threshold(relaxation, vectors, problem.value(path)) > 0
+
+
+def form_over_threshold(relaxation, vectors, value) -> float:
+    """How far the form of a path lies above the threshold of a level just below its value's: what the proof rests on."""
+    form = relaxation.form
+    if form.kind is od.LogDet:
+        level = np.exp(value - 2 * np.linalg.slogdet(form.M)[1])
+    elif form.kind is od.TraceInverse:
+        level = 1 / (-value - 2 * np.trace(np.linalg.inv(form.M)))
+    else:
+        level = value
+    share = relaxation.share(level)
+    level *= (1 - share) / (1 + share) if form.kind is od.TraceInverse else 1 / (1 + share)
+    level *= 1 - 1e-9
+    K = relaxation.gain(level)
+    total = np.sum((form.matrix(K) - level * form.explained(K)) * (vectors @ vectors.T))
+    return total - relaxation.threshold(share).at(level)
+
+
+def test_the_form_is_exact_where_nothing_is_left_out():
+    # two steps to a piece: all places are combinations of chords and sagittas, so the Schur complement of S W S is the form itself
+    problem = short_mission(duration=12.0, system=od.System(od.Dubins(2.0, wind="constant"), (od.GPS(1.5),)))
+    relaxation, random = relaxation_of(problem), np.random.default_rng(0)
+    assert relaxation.form.residual < 1e-11
+    for _ in range(5):
+        path = problem.path_of(parameters(problem, random))
+        W, vectors, level = problem.matrix(path), gram_vectors(problem, relaxation, path), 0.5 * relaxation.form.largest_level
+        rest = np.delete(np.delete(W, 2, 0), 2, 1) - level * np.eye(4)
+        b = np.delete(W[2], 2)
+        K = relaxation.gain(level)
+        total = np.sum((relaxation.form.matrix(K) - level * relaxation.form.explained(K)) * (vectors @ vectors.T))
+        assert total == pytest.approx(W[2, 2] - b @ np.linalg.solve(rest, b), rel=1e-9)
+
+
+def test_bounds_of_arcs_hold_for_arcs_of_every_turn():
+    for half_turn, steps in ((0.05, 1), (0.4, 4), (1.2, 3), (np.pi / 2, 7)):
+        arcs = arcs_of(half_turn, steps)
+        for d in np.linspace(0, half_turn, 997)[1:]:
+            chord, sagitta = np.sin(d) / d, (1 - np.cos(d)) / (2 * d)
+            assert arcs.shortest <= chord
+            assert sagitta <= arcs.sagitta
+            assert arcs.lengths[0] <= chord**2 + arcs.ratio * sagitta**2 <= arcs.lengths[1]
+            assert np.hypot(np.cos(d) - arcs.along * chord, np.sin(d) - arcs.across * sagitta) <= arcs.heading_error
+            share = np.arange(steps) / steps
+            angle = d * (2 * share - 1)
+            exact = np.array([np.sin(angle) + np.sin(d), np.cos(d) - np.cos(angle)]) / (2 * d)  # the integral of the heading
+            first, second = np.array(arcs.places).T
+            assert (np.hypot(exact[0] - first * chord, exact[1] + second * sagitta) <= arcs.errors).all()
+
+
+# ---------------------------------------------------------------- how near it is
+
+
+def test_the_mission_with_a_goal_is_proven_to_two_percent():
+    design = od.design_trajectory(mission(), starts=2)
+    assert design.value <= design.bound <= 152.6  # 149.815 is the best of 200 starts
+    assert design.bound >= 149.815
+    assert design.gap == 1 - design.value / design.bound > 0
+    assert design.status is od.Status.GAP_OPEN
+    assert "KeepOut" in design.proof.left_out
+    certificate = od.PathCertificate(**json.loads(json.dumps(asdict(design.proof.certificate))))
+    assert od.check_path_bound(design.problem, certificate) == design.bound
+    # other local optima, and paths within the limits, are below it as well
+    assert all(start.value <= design.bound for start in design.starts if start.status.has_answer)
+
+
+def test_the_saturated_problem_is_proven_optimal():
+    design = od.design_trajectory(plateau(), starts=1)
+    assert design.status is od.Status.OPTIMAL
+    assert 0 <= design.gap <= 1e-6
+    assert od.check_path_bound(design.problem, design.proof.certificate) == design.bound
+
+
+@pytest.mark.parametrize("criterion", [od.MinEigenvalue(), od.LogDet(), od.TraceInverse()])
+def test_designs_come_near_their_bounds(criterion):
+    problem = short_mission(criterion=criterion, system=od.System(od.Dubins(2.0, wind="constant"), (od.GPS(1.5),)))
+    design = od.design_trajectory(problem, starts=4)
+    assert 0 <= design.gap <= 0.02
+    assert design.proof.certificate.multipliers
+
+
+# ---------------------------------------------------------------- what changes it, and what does not
+
+GOAL = od.Goal((30.0, 5.0), tolerance=2.0)
+BOUND_WITH_GOAL = path_bound_of(short_mission(constraints=(GOAL,)))
+
+
+def test_a_limit_taken_away_never_lowers_it():
+    without, wider = path_bound_of(short_mission()), path_bound_of(short_mission(constraints=(replace(GOAL, tolerance=4.0),)))
+    faster = path_bound_of(short_mission(constraints=(GOAL,), bounds={"turn_rate": (-0.5, 0.5)}))
+    for more in (without, wider, faster):
+        assert more.bound >= BOUND_WITH_GOAL.bound * (1 - 1e-4)  # to the tolerance of the search for multipliers
+
+
+def turn(angle: float, mirror: bool = False) -> od.DesignProblem:
+    """The mission with its goal, all turned about the origin, or mirrored at the x axis as well."""
+    sign = -1.0 if mirror else 1.0
+    R = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) @ np.diag([1.0, sign])
+    x, y, heading, *wind = short_mission().x0
+    start = (*(R @ [x, y]), sign * heading + angle, *(R @ wind))
+    return short_mission(start=start, constraints=(od.Goal(tuple(R @ GOAL.point), tolerance=2.0),))
+
+
+@pytest.mark.parametrize("problem", [turn(2.1), turn(-0.7, mirror=True)])
+def test_turned_and_mirrored_it_is_the_same(problem):
+    assert path_bound_of(problem).bound == pytest.approx(BOUND_WITH_GOAL.bound, rel=1e-4)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_it_has_no_unit(unit):
+    # all lengths in another unit, that of the scales as well: the same matrix S W S
+    mission_in_unit = short_mission(
+        system=od.System(od.Dubins(2.0 * unit, wind="constant"), (od.GPS(1.5 * unit), od.Magnetometer(0.5))),
+        start=short_mission().x0 * (unit, unit, 1.0, unit, unit),
+        scale=np.array((5.0, 5.0, 0.2, 1.0, 1.0)) * (unit, unit, 1.0, unit, unit),
+        constraints=(od.Goal((30.0 * unit, 5.0 * unit), tolerance=2.0 * unit),),
+    )
+    assert path_bound_of(mission_in_unit).bound == pytest.approx(BOUND_WITH_GOAL.bound, rel=1e-4)
+
+
+def test_pieces_may_be_divided_but_not_joined():
+    problem = short_mission()
+    divided = path_bound_of(problem, lengths=(1, 2) * 12)
+    assert od.check_path_bound(problem, divided.certificate) == divided.bound
+    with pytest.raises(od.InputError, match="must divide"):
+        relaxation_of(problem, (6,) * 6)
+
+
+# ---------------------------------------------------------------- what is refused
+
+CERTIFICATE = BOUND_WITH_GOAL.certificate
+WRONG = {
+    "a lower level": replace(CERTIFICATE, level=CERTIFICATE.level * 0.999),
+    "no level": replace(CERTIFICATE, level=0.0),
+    "a level above what no path changes": replace(CERTIFICATE, level=1e9),
+    "half the multipliers": replace(CERTIFICATE, multipliers=tuple(y / 2 for y in CERTIFICATE.multipliers)),
+    "the other sign": replace(CERTIFICATE, multipliers=tuple(-y for y in CERTIFICATE.multipliers)),
+    "no multipliers that matter": replace(CERTIFICATE, multipliers=(0.0,) * len(CERTIFICATE.multipliers)),
+    "one multiplier less": replace(CERTIFICATE, multipliers=CERTIFICATE.multipliers[1:]),
+    "multipliers beyond numbers": replace(CERTIFICATE, multipliers=(1e308,) * len(CERTIFICATE.multipliers)),
+    "a share below 0": replace(CERTIFICATE, share=-0.1),
+    "a share of all": replace(CERTIFICATE, share=1.0),
+    "other pieces": replace(CERTIFICATE, lengths=(2,) * 18),
+}
+
+
+def test_what_is_no_number_is_refused_before_it_is_used():
+    with pytest.raises(od.InputError, match="level"):
+        replace(CERTIFICATE, level=float("nan"))
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_certificate_is_refused(name):
+    with pytest.raises(od.InputError):
+        od.check_path_bound(short_mission(constraints=(GOAL,)), WRONG[name])
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"constraints": (replace(GOAL, point=(20.0, 5.0)),)},
+        {"constraints": ()},
+        {"system": od.System(od.Dubins(2.2, wind="constant"), (od.GPS(1.5), od.Magnetometer(0.5)))},
+        {"system": od.System(od.Dubins(2.0, wind="constant"), (od.GPS(1.4), od.Magnetometer(0.5)))},
+        {"scale": (5.0, 5.0, 0.25, 1.0, 1.0)},
+    ],
+)
+def test_the_certificate_of_another_problem_proves_nothing_it_should_not(changes):
+    problem = short_mission(**({"constraints": (GOAL,)} | changes))
+    with pytest.raises(od.InputError):
+        od.check_path_bound(problem, CERTIFICATE)
+
+
+def test_without_a_bound_there_is_a_reason_and_the_status_is_local():
+    sighted = od.System(od.Dubins(2.0), (od.Bearing((30.0, 20.0), 0.1), od.GPS(3.0)))
+    problem = short_mission(system=sighted, start=(3.0, -2.0, 0.4), scale=(5.0, 5.0, 0.2), path=od.PiecewiseConstant(3))
+    design = od.design_trajectory(problem, starts=1)
+    assert design.bound == np.inf
+    assert np.isnan(design.gap)
+    assert design.status is od.Status.LOCALLY_OPTIMAL
+    assert "StandOff" in design.proof.reason
+    with pytest.raises(od.InputError, match="no bound"):
+        od.check_path_bound(design.problem, od.PathCertificate())
+
+
+@pytest.mark.slow
+def test_twenty_thousand_paths_stay_below_the_bound():
+    problem, random = short_mission(), np.random.default_rng(1)
+    bound = path_bound_of(problem).bound
+    for _ in range(20):
+        u = np.array([problem.inputs_of(parameters(problem, random)) for _ in range(1000)])
+        assert problem.values(np.tile(problem.x0, (1000, 1)), u).max() <= bound
