@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from obsdesign.design.path_bound.arcs import Arcs
-from obsdesign.design.path_bound.motion import Motion
+from obsdesign.design.path_bound.motion import AllowedMotion
 
 _ROOM = 1 + 1e-12  # what rounding of a limit's few products may take off
 
@@ -48,7 +48,7 @@ class _Rows:
         self.rows.append((terms, limit, spread, two_sided))
 
 
-def gram_constraints(motion: Motion) -> GramConstraints:
+def gram_constraints(motion: AllowedMotion) -> GramConstraints:
     """Return the constraints of a motion's Gram matrices; see docs/design.md for why every path keeps them."""
     K = len(motion.lengths)
     arcs = [motion.arcs(steps) for steps in motion.lengths]
@@ -86,7 +86,7 @@ def _add_piece(rows: _Rows, j: int, K: int, arc: Arcs, is_fixed_speed: bool) -> 
     rows.add({both: 1.0, chord: -1.0, sagitta: -1.0}, 0.0, two_sided=True)
 
 
-def _add_start(rows: _Rows, K: int, arc: Arcs, motion: Motion) -> None:
+def _add_start(rows: _Rows, K: int, arc: Arcs, motion: AllowedMotion) -> None:
     """The first piece begins with the heading of the start."""
     heading = motion.heading or 0.0
     axes = {0: -float(np.cos(heading)), 1: -float(np.sin(heading))}
@@ -120,7 +120,7 @@ def _widest(a: np.ndarray, b: np.ndarray, angle: float) -> float:
     return float((a[:, None] ** 2 + b**2 - 2 * a[:, None] * b * cosine).max()) * _ROOM + 1e-14
 
 
-def _add_ends(rows: _Rows, motion: Motion) -> None:
+def _add_ends(rows: _Rows, motion: AllowedMotion) -> None:
     """The sum of the chords ends within a disc; in units of the longest way."""
     way = motion.speed * motion.step * motion.steps
     for end in motion.ends:

@@ -10,7 +10,7 @@ import numpy as np
 from obsdesign.criteria.log_det import LogDet
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.criteria.trace_inverse import TraceInverse
-from obsdesign.design.path_bound.motion import Motion
+from obsdesign.design.path_bound.motion import AllowedMotion
 from obsdesign.design.path_bound.sample_bounds import SampleBounds
 from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
@@ -75,7 +75,7 @@ class InformationForm:
         return float(1 / np.linalg.eigvalsh(roots[:, None] * inverse * roots)[-1])
 
 
-def information_form(problem: DesignProblem, motion: Motion, samples: SampleBounds) -> InformationForm:
+def information_form(problem: DesignProblem, motion: AllowedMotion, samples: SampleBounds) -> InformationForm:
     """Return the form; raises InputError for a criterion without one."""
     kind = type(problem.criterion)
     if kind not in (MinEigenvalue, LogDet, TraceInverse):
@@ -105,7 +105,7 @@ def information_form(problem: DesignProblem, motion: Motion, samples: SampleBoun
     )
 
 
-def _heading_rows(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def _heading_rows(motion: AllowedMotion) -> tuple[np.ndarray, np.ndarray]:
     """The places at the N samples [m] as combinations of e_x, e_y, chords and sagittas (N, 2 + 2 K), and how far off they may be (N,)."""
     K = len(motion.lengths)
     rows, errors, k = np.zeros((motion.steps, 2 + 2 * K)), np.zeros(motion.steps), 0

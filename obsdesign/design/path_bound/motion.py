@@ -31,7 +31,7 @@ class End:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class AllowedMotion:
     """Displacements through air or water in K pieces of whole steps, in each of which inputs are held.
 
     lengths (K,): steps of the pieces; speed: the largest [m/s]; slowest: the least, as a share of it; heading [rad]: of the start, None
@@ -58,7 +58,7 @@ class Motion:
         return arcs_of(self.largest_turn * steps * self.step / 2, steps)
 
 
-def motion_of(problem: DesignProblem, lengths: tuple[int, ...] | None = None) -> Motion:
+def motion_of(problem: DesignProblem, lengths: tuple[int, ...] | None = None) -> AllowedMotion:
     """Return the motions of a problem; lengths: other pieces, as long as or parts of those in which inputs are held.
 
     Raises InputError with the reason where there is no such description.
@@ -81,7 +81,7 @@ def motion_of(problem: DesignProblem, lengths: tuple[int, ...] | None = None) ->
     words = f"paths of {problem.duration:g} s from the start, {speeds}{wind}, turning by at most {turn:g} rad/s, {family}"
     words += ", that reach the goal" if ends else ""
     heading = float(problem.x0[2]) if is_along else None
-    return Motion(problem.step, used, fast, slow, heading, turn, ends, words, left_out)
+    return AllowedMotion(problem.step, used, fast, slow, heading, turn, ends, words, left_out)
 
 
 def held_lengths(problem: DesignProblem) -> tuple[int, ...]:

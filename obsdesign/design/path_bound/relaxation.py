@@ -11,7 +11,7 @@ from obsdesign.criteria.log_det import LogDet
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.design.path_bound.gram_constraints import GramConstraints, gram_constraints
 from obsdesign.design.path_bound.information_form import InformationForm, information_form
-from obsdesign.design.path_bound.motion import Motion, motion_of
+from obsdesign.design.path_bound.motion import AllowedMotion, motion_of
 from obsdesign.design.path_bound.sample_bounds import SampleBounds, sample_bounds_of
 from obsdesign.design.problem import DesignProblem
 from obsdesign.round_off import EPS
@@ -36,7 +36,7 @@ class Threshold:
 class GramRelaxation:
     """Which motions there are, what they tell at most, and the constraints on their Gram matrices."""
 
-    motion: Motion
+    motion: AllowedMotion
     samples: SampleBounds
     form: InformationForm
     constraints: GramConstraints
