@@ -76,6 +76,10 @@ from .joint.joint_solver import codesign as codesign
 from .joint.result import Joint as Joint
 from .logs.inputs import LogInputs as LogInputs
 from .logs.log import Log as Log
+from .logs.reading import read_log as read_log
+from .logs.reading import read_recording as read_recording
+from .logs.recording import Recording as Recording
+from .logs.recording import Topic as Topic
 from .logs.samples import LogSamples as LogSamples
 from .logs.truth import LogTruth as LogTruth
 from .paths.b_spline import BSpline as BSpline

@@ -78,6 +78,8 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},
     "load_scenario": {"file": SCENARIO},
+    "read_log": {"file": "no_such.csv", "system": SYSTEM},
+    "read_recording": {"file": "no_such.csv"},
     "run": {"scenario": od.load_scenario(SCENARIO)},
     "write_report": {"folder": "nowhere", "study": None},
     "BSpline": {"points": 5},
@@ -162,6 +164,8 @@ RETURNED = (
         "Loss",
         "ObsdesignError",
         "PathBound",
+        "Recording",
+        "Topic",
     ),
     *(
         "Pareto",

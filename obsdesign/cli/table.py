@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, init, run, schema, select
+from obsdesign.cli.verbs import check, init, log, run, schema, select
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
@@ -11,4 +11,5 @@ VERBS: tuple[Verb, ...] = (
     schema.VERB,
     run.VERB,
     select.VERB,
+    log.VERB,
 )

@@ -1,0 +1,132 @@
+"""Arrays of recorded runs in NumPy's NPZ: known layouts, and any others as topics."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from obsdesign.dynamics.model import Model
+from obsdesign.errors import InputError
+from obsdesign.logs.recording import Recording, Topic
+from obsdesign.logs.series import TRUTH, FileContents, Series
+
+RANGING = ("odom", "gt", "ranges", "beacons")
+TAGS = ("t", "pose", "ranges", "anchors", "tags_body")
+
+
+def load_npz(file: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a file by name, numbers alone: nothing is unpickled. Raises InputError for what cannot be read."""
+    try:
+        with np.load(file, allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise InputError(f"{file}: is no NPZ of numbers: {error}") from None
+    for name, values in found.items():
+        if values.dtype.kind not in "biuf":
+            raise InputError(f"{file}, array {name!r}: has entries of type {values.dtype}: must be numbers")
+    return found
+
+
+def read_npz(file: Path) -> Recording:
+    """Return the arrays as topics: of ranging runs odom, gt and a topic for each beacon; of others those whose first column is a time."""
+    arrays = load_npz(file)
+    if set(RANGING) <= set(arrays):
+        return Recording(file, "ranging run (odom, gt, ranges, beacons)", _ranging_topics(file, arrays), row_word="row")
+    if set(TAGS) <= set(arrays):
+        return Recording(file, "ranges of tags to anchors (t, pose, ranges)", _tag_topics(file, arrays), row_word="row")
+    topics = {
+        name: Topic(name, values[:, 0].astype(float), {f"[{i}]": values[:, i].astype(float) for i in range(1, values.shape[1])})
+        for name, values in arrays.items()
+        if values.ndim == 2 and values.shape[1] > 1 and len(values)
+    }
+    if not topics:
+        raise InputError(f"{file}: has arrays {', '.join(arrays)}: none is a table whose first column is a time")
+    return Recording(file, "arrays", topics, row_word="row")
+
+
+def _columns(file: Path, name: str, values: np.ndarray, fields: tuple[str, ...], in_any_order: bool = False) -> Topic:
+    if values.ndim != 2 or values.shape[1] != len(fields) + 1:
+        raise InputError(f"{file}, array {name!r}: has shape {values.shape}: must have columns t, {', '.join(fields)}")
+    t = values[:, 0].astype(float)
+    backwards = np.flatnonzero(np.diff(t) < 0)
+    if len(backwards) and not in_any_order:
+        row = int(backwards[0]) + 1
+        raise InputError(f"{file}, array {name!r}, row {row}: t is {t[row]:.9g} after {t[row - 1]:.9g}: times must not go backwards")
+    return Topic(name, t, {field: values[:, i + 1].astype(float) for i, field in enumerate(fields)})
+
+
+def _ranging_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topic]:
+    beacons = arrays["beacons"][:, 0].astype(int).tolist()
+    unknown = np.flatnonzero(~np.isin(arrays["ranges"][:, 2], beacons))
+    if len(unknown):
+        row = int(unknown[0])
+        raise InputError(
+            f"{file}, array 'ranges', row {row}, column 2: beacon {arrays['ranges'][row, 2]:g} is not among the beacons {beacons}"
+        )
+    topics = {
+        "odom": _columns(file, "odom", arrays["odom"], ("distance", "turn")),
+        "gt": _columns(file, "gt", arrays["gt"], ("x", "y", "heading")),
+    }
+    ranges = _columns(file, "ranges", arrays["ranges"], ("antenna", "beacon", "range"), in_any_order=True)
+    for beacon in beacons:
+        chosen = ranges.fields["beacon"] == beacon
+        topics[f"beacon_{beacon}"] = Topic(f"beacon_{beacon}", ranges.t[chosen], {"range": ranges.fields["range"][chosen]})
+    return topics
+
+
+def _tag_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topic]:
+    """Poses, and for each anchor the ranges of all tags where all have one."""
+    t, ranges = arrays["t"].astype(float), arrays["ranges"].astype(float)
+    topics = {"pose": _columns(file, "pose", np.column_stack([t, arrays["pose"]]), ("x", "y", "z", "yaw"))}
+    for anchor in range(ranges.shape[1]):
+        values = ranges[:, anchor]
+        chosen = np.isfinite(values).all(axis=1)
+        fields = {f"tag_{i}": values[chosen, i] for i in range(values.shape[1])}
+        topics[f"anchor_{anchor}"] = Topic(f"anchor_{anchor}", t[chosen], fields)
+    return topics
+
+
+def map_npz(recording: Recording, model: Model) -> FileContents:
+    """Return the series of a known layout: odometry to speed and turn_rate, ranges to the sensors of the topics' names.
+
+    Of ranging runs also to the sensor whose landmark is the beacon. Raises InputError for other layouts.
+    """
+    names = _RANGING_NAMES if "odom" in recording.topics else _TAG_NAMES if "pose" in recording.topics else None
+    if names is None:
+        raise InputError(f"{recording.file}: is of no known layout: say by `topics` what its arrays are ({', '.join(recording.topics)})")
+    series = [
+        _column_series(recording.topics[topic], (field,), name)
+        for name, topic, field in names
+        if name in model.input_names or (name.startswith(TRUTH) and name.removeprefix(TRUTH) in model.state_names)
+    ]
+    known = {topic for _, topic, _ in names}
+    notes = []
+    for topic in recording.topics.values():
+        if topic.name in known:
+            continue
+        if topic.name in model.sensor_names:
+            series.append(_column_series(topic, tuple(topic.fields), topic.name))
+        else:
+            notes.append(f"{topic.name}: no sensor of that name, {len(topic.t)} samples are left out")
+    return FileContents(recording.file, tuple(series), recording.epoch, tuple(notes))
+
+
+_RANGING_NAMES = (
+    ("speed", "odom", "distance"),
+    ("turn_rate", "odom", "turn"),
+    ("truth.x", "gt", "x"),
+    ("truth.y", "gt", "y"),
+    ("truth.heading", "gt", "heading"),
+)
+_TAG_NAMES = (("truth.x", "pose", "x"), ("truth.y", "pose", "y"), ("truth.heading", "pose", "yaw"))
+
+
+def _column_series(topic: Topic, fields: tuple[str, ...], name: str) -> Series:
+    """A series of some fields; odometry holds what came together since the row before."""
+    values = np.column_stack([topic.fields[field] for field in fields])
+    is_angle = name == TRUTH + "heading"
+    values = np.unwrap(values, axis=0) if is_angle else values
+    column = f"{topic.name}.{'/'.join(fields)}"
+    return Series(name, topic.t, values, column, np.arange(len(topic.t)), "row", is_increment=topic.name == "odom")
