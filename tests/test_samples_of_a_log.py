@@ -5,6 +5,7 @@ import pytest
 
 import obsdesign as od
 from obsdesign.logs.events import events_of
+from obsdesign.logs.log import shift_text
 
 SYSTEM = od.System(
     od.Dubins(15.0, wind="constant"),
@@ -126,7 +127,7 @@ def test_events_keep_every_sample_and_every_integral():
     events = events_of(SYSTEM, log)
     k, sensor = np.nonzero(events.arrived)
     assert sorted(zip(events.t[k], sensor, strict=True)) == sorted(zip(times, s, strict=True))
-    assert not events.shifts.any() and not events.shift_text
+    assert not events.shifts.any() and not shift_text(events.shifts)
     inside = events.t[:-1] < PATH.t[-1]
     assert events.rows[inside, 1].sum() == pytest.approx(
         0.5 * TURN.sum() - (PATH.t[-1] - events.t[:-1][inside][-1] - events.lengths[inside][-1]) * TURN[-1, 0]
@@ -134,8 +135,19 @@ def test_events_keep_every_sample_and_every_integral():
     grid = events_of(SYSTEM, log, step=0.5)
     assert grid.arrived.sum() == 80  # none is lost, though several fall on one node
     assert np.abs(grid.shifts).max() <= 0.25
-    assert "80 of 80 samples were moved to the grid" in grid.shift_text
+    assert "80 of 80 samples were moved to the grid" in shift_text(grid.shifts)
     assert np.unique(np.round(grid.lengths, 9)).tolist() == [0.0, 0.5]
+
+
+def test_a_log_moved_to_a_grid_says_by_how_much_and_counts_as_on_the_grid():
+    random = np.random.default_rng(6)
+    k, s = np.sort(random.choice(23, 15, replace=False)), random.integers(0, 3, 15)
+    late = log_of(PATH.t[k] + 0.1, s)
+    grid = late.on_grid(0.5)
+    assert grid.notes == ("15 of 15 samples were moved to the grid, by 0.1 s (median), 0.1 s at most",)
+    close(information(PATH, grid)[:3], information(PATH, log_of(PATH.t[k], s))[:3], 1e-11)
+    with pytest.raises(od.InputError, match="step is 0: must be a finite number above 0"):
+        late.on_grid(0)
 
 
 WRONG = {

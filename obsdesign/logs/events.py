@@ -13,7 +13,7 @@ from obsdesign.errors import InputError
 from obsdesign.logs.log import Log
 from obsdesign.logs.samples import LogSamples
 
-_SAME_TIME = 1e-9  # seconds that are no time at all; and so much of the rounding of times
+_SAME_TIME = 1e-9  # seconds that are no time at all
 _MAX_LENGTHENING = 64.0  # a step is at most so many times as long as half of them are
 
 
@@ -52,15 +52,6 @@ class Events:
     def rows(self) -> np.ndarray:
         """(dt, dt u) (N, 1 + m), the known inputs where time is counted in steps."""
         return np.column_stack([self.lengths, self.increments])
-
-    @property
-    def shift_text(self) -> str:
-        """What was moved to the instants of a grid, and by how much, in words; "" without a grid."""
-        moved = np.abs(self.shifts[np.abs(self.shifts) > _SAME_TIME])
-        if not len(moved):
-            return ""
-        middle, most = float(np.median(moved)), float(moved.max())
-        return f"{len(moved)} of {len(self.shifts)} samples were moved to the grid, by {middle:.3g} s (median), {most:.3g} s at most"
 
 
 @validate_arguments

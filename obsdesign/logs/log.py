@@ -4,12 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from obsdesign.arguments import validate_arguments
+from obsdesign.checks import require_positive
 from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.errors import InputError
 from obsdesign.logs.inputs import LogInputs
 from obsdesign.logs.samples import LogSamples
 from obsdesign.logs.truth import LogTruth
+
+_SAME_TIME = 1e-9  # seconds that are no time at all
+
+
+def shift_text(shifts: np.ndarray) -> str:
+    """Return in words how many of K samples were moved, and by how much (K,) [s]; "" where none was."""
+    moved = np.abs(shifts[np.abs(shifts) > _SAME_TIME])
+    if not len(moved):
+        return ""
+    median, most = float(np.median(moved)), float(moved.max())
+    return f"{len(moved)} of {len(shifts)} samples were moved to the grid, by {median:.3g} s (median), {most:.3g} s at most"
 
 
 @validate_arguments
@@ -54,6 +68,19 @@ class Log(AbstractDisplay):
         inputs = None if self.inputs is None else self.inputs.stretch(first, last)
         truth = None if self.truth is None else self.truth.stretch(first, last)
         return Log(inputs, samples, truth, self.epoch, self.notes)
+
+    def on_grid(self, step: float) -> Log:
+        """Return the log with each sample moved to the nearest instant of a grid of `step` [s] from the log's beginning on.
+
+        The notes say how many were moved, and by how much; none is left out, and inputs and truth stay. Raises InputError for a
+        step that is not above 0.
+        """
+        require_positive("step", step)
+        first, t = self.span[0], self.samples.t
+        moved = first + np.rint((t - first) / step) * step
+        samples = LogSamples(self.samples.names, moved, self.samples.sensor, self.samples.y, self.samples.sigma)
+        note = shift_text(moved - t)
+        return Log(self.inputs, samples, self.truth, self.epoch, (*self.notes, *((note,) if note else ())))
 
     def _summary(self) -> Summary:
         first, last = self.span
