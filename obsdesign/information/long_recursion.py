@@ -142,7 +142,7 @@ def _steps_of(problem: LinearProblem) -> tuple[np.ndarray, np.ndarray]:
 def _after_samples(problem: LinearProblem, known: _Knowledge, k: int) -> _Knowledge:
     """Return what is known after the samples at t_k, one output after the other as in `update_with_samples`."""
     lines, J, M, V = problem.linearisation, known.J, known.M, known.V
-    for i in np.flatnonzero((problem.counts[k] > 0) & np.isfinite(lines.missing[k])):
+    for i in map(int, np.flatnonzero((problem.counts[k] > 0) & np.isfinite(lines.missing[k]))):
         row = _matrix(np.concatenate([lines.bias_loads[k, i], lines.state_rows[k, i]])[None])
         z = problem.nuisance.coloured.index(i) if i in problem.nuisance.coloured else None
         row = row if z is None else row + _column(M.transpose(), z).transpose()
