@@ -52,6 +52,7 @@ from .estimation.filter_run import estimate_states as estimate_states
 from .estimation.fixed_interval_smoother import FixedIntervalSmoother as FixedIntervalSmoother
 from .estimation.gate import Gate as Gate
 from .estimation.iterated_extended_kalman_filter import IteratedExtendedKalmanFilter as IteratedExtendedKalmanFilter
+from .estimation.log_run import estimate_log as estimate_log
 from .estimation.unscented_kalman_filter import UnscentedKalmanFilter as UnscentedKalmanFilter
 from .estimation.validation import Validation as Validation
 from .estimation.validation import validate as validate

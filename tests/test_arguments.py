@@ -73,6 +73,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "sensor_losses": {"blocks": BLOCKS, "schedule": od.select_sensors(BLOCKS)},
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
+    "estimate_log": {"system": SYSTEM, "log": od.Log(od.LogInputs(("turn_rate",), [0.0], [[0.1]]), SAMPLES), "prior": PRIOR},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
     "estimate_states": {"system": SYSTEM, "prior": PRIOR, "u": U, "y": np.ones((8, 3)), "dt": 0.5},
     "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},

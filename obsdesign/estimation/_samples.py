@@ -32,7 +32,10 @@ class ExpectedOutputs:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """The outputs y (q, 1) of an instant, and which of them are there, active (q, 1); X = (x, z, b) with the nuisance states."""
+    """The outputs y (q, 1) of an instant, and how often each counts, active (q, 1), 0 where it is not there.
+
+    X = (x, z, b) with the nuisance states.
+    """
 
     model: Model
     nuisance: NuisanceStates
@@ -65,7 +68,9 @@ class Samples:
     def _loads(self) -> tuple[ca.SX, ca.SX]:
         """Return how the nuisance states enter the outputs (q, e), and the variance of what is white in them (q, 1)."""
         model, nuisance = self.model, self.nuisance
-        variance, loads = ca.diag(model.instant_covariance), ca.SX(len(model.outputs), nuisance.size)
+        # a sample that counts twice is as good as two
+        count = ca.if_else(self.active > 0, self.active, 1)
+        variance, loads = ca.diag(model.instant_covariance) / count, ca.SX(len(model.outputs), nuisance.size)
         for index, i in enumerate(nuisance.coloured):
             loads[i, index] = ca.sqrt(variance[i])
             variance[i] = 0

@@ -56,8 +56,7 @@ def estimate_states(
     require_tolerance(tolerance)
     model = system.model
     inputs, samples = as_inputs(u, len(model.inputs), "u"), as_array("y", y)
-    if prior.mean.size != len(model.states):
-        raise InputError(f"prior has {prior.mean.size} states: the system has {len(model.states)} ({', '.join(model.state_names)})")
+    require_prior(system, prior)
     if not len(inputs) or samples.shape != (len(inputs), len(model.outputs)):
         raise InputError(f"y has shape {samples.shape}: must be ({max(len(inputs), 1)}, {len(model.outputs)}), a row for each row of u")
     path = path_of(times_of(lengths, len(inputs)), np.tile(prior.mean, (len(inputs) + 1, 1)), inputs, None, tolerance)
@@ -69,8 +68,8 @@ def estimate_states(
     _require_samples(system, samples, is_active)
     start = Belief(prior.mean[None], prior.covariance[None])
     belief, reports = bank.report(start, inputs_along(along, path)[0], np.where(is_active, samples, 0.0)[:, None], is_active)
-    _require_estimates(system, belief, path.t)
-    return _estimate(system, path.t, belief, reports, arrived)
+    require_estimates(system, belief, path.t)
+    return estimate_of(system, path.t, belief, reports, arrived)
 
 
 def _arrived(system: AbstractSystem, active: ArrayLike | None, steps: int, dt: float) -> np.ndarray:
@@ -93,7 +92,15 @@ def _require_samples(system: AbstractSystem, y: np.ndarray, is_active: np.ndarra
         raise InputError(f"y[{k}, {j}] ({name}) is {y[k, j]}: a sample that is there must be finite; `active` says which are")
 
 
-def _require_estimates(system: AbstractSystem, belief: Belief, t: np.ndarray) -> None:
+def require_prior(system: AbstractSystem, prior: Prior) -> None:
+    """Raise InputError for a prior of another number of states."""
+    names = system.model.state_names
+    if prior.mean.size != len(names):
+        raise InputError(f"prior has {prior.mean.size} states: the system has {len(names)} ({', '.join(names)})")
+
+
+def require_estimates(system: AbstractSystem, belief: Belief, t: np.ndarray) -> None:
+    """Raise InputError with state and time for the first estimate that is not finite."""
     if all_finite(belief.mean) and all_finite(belief.covariance):
         return
     values = np.concatenate([belief.mean[:, 0], np.diagonal(belief.covariance[:, 0], axis1=1, axis2=2)], axis=1)
@@ -117,7 +124,8 @@ class _SensorFlags:
         return of_sensor
 
 
-def _estimate(system: AbstractSystem, t: np.ndarray, belief: Belief, reports: SampleReports, arrived: np.ndarray) -> Estimate:
+def estimate_of(system: AbstractSystem, t: np.ndarray, belief: Belief, reports: SampleReports, arrived: np.ndarray) -> Estimate:
+    """Return the estimate at instants t (N+1,) of one run's beliefs and reports, arrived (N, S)."""
     model = system.model
     sensors = _SensorFlags(model.output_owner, len(model.channels))
     is_usable, is_taken = reports.is_usable[:, 0], reports.is_taken[:, 0]

@@ -26,7 +26,9 @@ from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.posterior import noise_factor, posterior_information
+from obsdesign.information.recorded_samples import recorded_samples
 from obsdesign.information.sample_information import sampling_mask
+from obsdesign.logs.log import Log
 from obsdesign.prior import Prior
 from obsdesign.progress import Progress, StageReport
 from obsdesign.round_off import standard_deviations
@@ -120,6 +122,7 @@ def validate(
     disturbance_psd: ArrayLike | None = None,
     progress: Progress | None = None,
     estimator: AbstractEstimator | None = None,
+    samples: Log | None = None,
 ) -> Validation:
     """Run a filter on simulated flights of a path and compare its errors with the posterior Cramer-Rao bound.
 
@@ -143,24 +146,48 @@ def validate(
         progress: is called with what is being done, as it begins; None = nobody is told.
         estimator: which filter; None = an ExtendedKalmanFilter that takes all samples in. A smoother may well be better than
             the bound, which is of the samples so far.
+        samples: a log; sensors are read when they were read in it, and their errors are those of the sensors. None = as often as
+            their rates say.
     Raises InputError for shapes that do not fit. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4.
     """
     require_count("runs", runs)
     require_count("seed", seed, minimum=0)
     require_fit(system, path)
-    active, report = active_steps(system, path, schedule), StageReport(_LOGGER, progress)
+    walk, report = _walk_along(system, path, schedule, samples), StageReport(_LOGGER, progress)
     report("the posterior bound")
-    J = posterior_information(system, path, prior, disturbance_psd, active=active)
-    noise, along = noise_factor(disturbance_psd, path.x.shape[1], path.pace), system_along(system, path, schedule is not None)
-    remainder, chosen = motion_beyond_model(along, path), estimator or ExtendedKalmanFilter()
+    J = posterior_information(walk.system, walk.path, prior, disturbance_psd, active=walk.active)
+    noise, along = noise_factor(disturbance_psd, path.x.shape[1], walk.path.pace), system_along(walk.system, walk.path, True)
+    remainder, chosen = motion_beyond_model(along, walk.path), estimator or ExtendedKalmanFilter()
     chunks = [range(first, min(first + _RUNS_PER_TASK, runs)) for first in range(0, runs, _RUNS_PER_TASK)]
-    tasks = [_MonteCarloTask(along, path, prior, active, noise, seed, chunk, chosen, remainder) for chunk in chunks]
+    tasks = [_MonteCarloTask(along, walk.path, prior, walk.active, noise, seed, chunk, chosen, remainder) for chunk in chunks]
     results = []
     for chunk, result in zip(chunks, map(_run_filters, tasks) if executor is None else executor.map(_run_filters, tasks), strict=True):
         results.append(result)
         report(f"{chunk.stop} of {runs} filter runs done")
     squares, nees = zip(*results, strict=True)
-    return _assess_consistency(path.t, np.sqrt(sum(squares) / runs), standard_deviations(J), np.concatenate(nees, axis=1), seed)
+    rmse, at_nodes = np.sqrt(sum(squares) / runs), walk.nodes
+    return _assess_consistency(path.t, rmse[at_nodes], standard_deviations(J[at_nodes]), np.concatenate(nees, axis=1)[at_nodes], seed)
+
+
+@dataclass(frozen=True, eq=False)
+class _Walk:
+    """A system as it is along a path, which sensors are read at which of its instants (N, S), and where the nodes asked for are."""
+
+    system: AbstractSystem
+    path: Trajectory
+    active: np.ndarray
+    nodes: np.ndarray
+
+
+def _walk_along(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None, log: Log | None) -> _Walk:
+    if log is None:
+        return _Walk(system, path, active_steps(system, path, schedule), np.arange(path.steps + 1))
+    arrived = recorded_samples(system, path, log)
+    events = arrived.event_path
+    active = events.weights > 0
+    if schedule is not None:
+        active = active & active_steps(arrived.system, path, schedule)[events.step]
+    return _Walk(arrived.system, events.path, active, events.nodes)
 
 
 def motion_beyond_model(system: AbstractSystem, path: Trajectory) -> np.ndarray | None:

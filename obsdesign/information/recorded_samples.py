@@ -8,7 +8,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.model import AbstractSystem, Channel, Model
 from obsdesign.dynamics.per_step import PerStepSystem, require_uncorrelated
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import inputs_along, join_inputs, readings, substeps_along
@@ -144,18 +144,20 @@ def _weights(system: AbstractSystem, x: np.ndarray, sensor: np.ndarray, sigma: n
     spread = readings(system, x[None, is_told]).spread[0]
     for j, s in enumerate(sensor[is_told]):
         channel = system.model.channels[s]
-        if channel.noise.bias or len({signal.unit for signal in channel.outputs}) > 1 or _is_joint(system.model, channel.name):
-            raise InputError(
-                f"log: a sample of {channel.name!r} has a sigma of its own: that is accepted for sensors whose outputs have one unit"
-                " and independent errors"
-            )
+        require_single_spread(system.model, channel)
         outputs = system.model.outputs_of[channel.name]
         weight[np.flatnonzero(is_told)[j]] = (spread[j, outputs[0]] / sigma[is_told][j]) ** 2
     return weight
 
 
-def _is_joint(model: Model, name: str) -> bool:
-    return any(name in group.sensors for group in model.joint)
+def require_single_spread(model: Model, channel: Channel) -> None:
+    """Raise InputError for a sensor whose errors are not told by one standard deviation of a sample."""
+    is_joint = any(channel.name in group.sensors for group in model.joint)
+    if channel.noise.bias or is_joint or len({signal.unit for signal in channel.outputs}) > 1:
+        raise InputError(
+            f"log: a sample of {channel.name!r} has a sigma of its own: that is accepted for sensors whose outputs have one unit and"
+            " independent errors"
+        )
 
 
 def require_independent(system: AbstractSystem) -> None:
