@@ -296,6 +296,34 @@ def test_a_map_of_topics_says_what_is_not_there(tmp_path):
             od.read_log(tmp_path / "log.ulg", GPS_ONLY, file)
 
 
+def test_a_table_of_others_by_a_map_with_two_wheels_and_several_anchors(tmp_path):
+    """Speed (r + l) / 2 and turn rate (r - l) / b of wheels at a distance b, and ranges in one column beside the anchor's number."""
+    rows = [
+        "t_ms,right,left,anchor,range,lat,lon",
+        *(f"{100 * k},{1.0 + 0.1 * k},{0.8},{k % 2},{5 + k},47.001,{8.0 + 1e-5 * k}" for k in range(6)),
+    ]
+    (tmp_path / "robot.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "map.toml").write_text(
+        '[inputs]\nspeed = { topic = "table", fields = ["right", "left"], weights = [0.5, 0.5] }\n'
+        'turn_rate = { topic = "table", fields = ["right", "left"], weights = [4, -4] }\n'
+        '[sensors]\nbeacon_0 = { topic = "table", field = "range", where = { anchor = 0 } }\n'
+        'beacon_1 = { topic = "table", field = "range", unit = "cm", where = { anchor = 1 } }\n'
+        'gps = { topic = "table", fields = ["lat", "lon"], geodetic = true }\n'
+    )
+    log = od.read_log(tmp_path / "robot.csv", SYSTEM, tmp_path / "map.toml")
+    assert log.inputs.u == pytest.approx(np.array([[0.9 + 0.05 * k, 4 * (0.2 + 0.1 * k)] for k in range(6)]))
+    assert log.inputs.t == pytest.approx(0.1 * np.arange(6))
+    names = np.array(log.samples.names)[log.samples.sensor]
+    assert log.samples.y[names == "beacon_0", 0].tolist() == [5.0, 7.0, 9.0]
+    assert log.samples.y[names == "beacon_1", 0] == pytest.approx([0.06, 0.08, 0.10])
+    east = log.samples.y[names == "gps"]  # the first position is the origin; a degree of longitude there is 76,003 m
+    assert east[:, 0] == pytest.approx(0.76003 * np.arange(6), rel=1e-3) and east[:, 1] == pytest.approx(np.zeros(6), abs=1e-5)
+    assert any("x is east and y north of latitude 47.001 deg, longitude 8 deg" in note for note in log.notes)
+    (tmp_path / "map.toml").write_text('[inputs]\nspeed = { topic = "table", fields = ["right", "left"], weights = [1] }\n')
+    with pytest.raises(od.InputError, match=r"speed: weights is \[1\]: must be a number for each of the 2 fields"):
+        od.read_log(tmp_path / "robot.csv", SYSTEM, tmp_path / "map.toml")
+
+
 def ranging_arrays():
     """The layout of recorded ranging runs."""
     random = np.random.default_rng(5)

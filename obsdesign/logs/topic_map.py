@@ -21,7 +21,21 @@ from obsdesign.logs.units import factor_of
 from obsdesign.signals import Signal
 
 _TABLES = ("inputs", "sensors", "truth", "origin")
-_KEYS = ("topic", "field", "fields", "unit", "factor", "offset", "increment", "geodetic", "compass", "quaternion", "sigma", "where")
+_KEYS = (
+    "topic",
+    "field",
+    "fields",
+    "weights",
+    "unit",
+    "factor",
+    "offset",
+    "increment",
+    "geodetic",
+    "compass",
+    "quaternion",
+    "sigma",
+    "where",
+)
 _DEGREES = {"": 1.0, "deg": 1.0, "1e-7 deg": 1e-7, "rad": 180 / np.pi}
 
 
@@ -150,7 +164,13 @@ def _values(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _P
             raise InputError(f"{place}: quaternion needs four fields, w, x, y, z")
         w, x, y, z = picked.columns
         return np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))[:, None]
-    return np.column_stack(picked.columns)
+    values = np.column_stack(picked.columns)
+    if "weights" not in entry:
+        return values
+    weights = entry["weights"]
+    if not (isinstance(weights, list) and len(weights) == values.shape[1] and all(isinstance(w, int | float) for w in weights)):
+        raise InputError(f"{place}: weights is {weights!r}: must be a number for each of the {values.shape[1]} fields")
+    return (values @ np.array(weights, dtype=float))[:, None]
 
 
 def _geodetic(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _Picked) -> list[np.ndarray]:
