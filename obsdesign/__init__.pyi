@@ -120,9 +120,12 @@ from .selection.sensor_loss import Loss as Loss
 from .selection.sensor_loss import sensor_losses as sensor_losses
 from .selection.solver import select_sensors as select_sensors
 from .sensors.bearing import Bearing as Bearing
+from .sensors.course import Course as Course
 from .sensors.gps import GPS as GPS
 from .sensors.magnetometer import Magnetometer as Magnetometer
 from .sensors.range import Range as Range
+from .sensors.range_bearing import RangeBearing as RangeBearing
+from .sensors.speed_over_ground import SpeedOverGround as SpeedOverGround
 from .signals import Signal as Signal
 from .status import Status as Status
 from .study.record import Study as Study

@@ -28,6 +28,12 @@ def require_positive(what: str, value: float) -> None:
         raise InputError(f"{what} is {value!r}: must be a finite number above 0")
 
 
+def require_finite(what: str, value: Any) -> None:  # noqa: ANN401  # whatever a caller gave
+    """Raise InputError unless value is a finite number."""
+    if not _is_finite_number(value):
+        raise InputError(f"{what} is {value!r}: must be a finite number")
+
+
 def require_within(what: str, value: Any, below: float = math.inf) -> None:  # noqa: ANN401  # whatever a caller gave
     """Raise InputError unless value is a finite number in [0, below)."""
     if not (_is_finite_number(value) and 0 <= float(value) < below):

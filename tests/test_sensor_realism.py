@@ -535,7 +535,8 @@ def test_no_limits_are_the_default_and_cost_nothing(make: Beacon):
     assert hash(plain) == hash(spelled)
     assert {field.name for field in dataclasses.fields(plain)} == {
         *("beacon", "sigma", "sigma_per_metre", "max_range", "field_of_view"),
-        *("rate", "inflation", "bias_floor", "correlation", "name"),
+        *("rate", "inflation", "bias_floor", "correlation", "name", "height", "lever_arm"),
+        *(("mounting_angle",) if make is od.Bearing else ()),
     }
 
 
@@ -547,3 +548,67 @@ def test_a_sample_far_out_of_range_says_what_the_formula_of_the_gate_says(share:
     found = od.variational_gramian(system, path)
     np.testing.assert_allclose(found.total[0, 0], 1 / (1 + np.exp((share - 1) / 0.05)) / 4, rtol=1e-11)
     np.testing.assert_allclose(found.std[0], 2.0 * np.sqrt(1 + np.exp((share - 1) / 0.05)), rtol=1e-11)
+
+
+# ---------------------------------------------------------------- one sensor of two outputs, sensors off the middle
+
+POSE = (od.GPS(1.0), od.Magnetometer(0.2))
+NEAR: dict[str, object] = {
+    "beacon": (30.0, 20.0),
+    "sigma": 0.5,
+    "sigma_per_metre": 0.02,
+    "lever_arm": (0.8, -0.3),
+    "height": 2.0,
+    "max_range": 60.0,
+}
+
+
+@pytest.mark.parametrize("errors", [{}, {"correlation": 0.7}, {"bias_floor": 0.2}], ids=["white", "correlated", "biased"])
+def test_a_range_and_bearing_sensor_says_what_the_two_say(errors: dict[str, float]):
+    """Of the same place and with the same gate: Gramians, posterior and filter cannot tell one sensor of two outputs from two sensors."""
+    both = od.RangeBearing(**NEAR, bearing_sigma=0.05, mounting_angle=0.4, **errors)  # type: ignore[arg-type]
+    distance = od.Range(**NEAR, **errors)  # type: ignore[arg-type]
+    direction = od.Bearing(**{**NEAR, "sigma": 0.05, "sigma_per_metre": 0.0}, mounting_angle=0.4, **errors)  # type: ignore[arg-type]
+    joined, apart = od.System(od.Unicycle(), (*POSE, both)), od.System(od.Unicycle(), (*POSE, distance, direction))
+    path = od.simulate(joined, (0.0, 0.0, 0.2), np.tile([2.0, 0.1], (20, 1)), 0.5)
+    prior, psd = od.Prior(path.x[0], std=(2.0, 2.0, 0.3)), (0.01, 0.01, 0.001)
+    totals = [od.variational_gramian(system, path).total for system in (joined, apart)]
+    np.testing.assert_allclose(totals[0], totals[1], rtol=1e-9)
+    J = [od.posterior_information(system, path, prior, psd) for system in (joined, apart)]
+    np.testing.assert_allclose(J[0], J[1], rtol=1e-8)
+    checks = [od.validate(system, path, prior=prior, disturbance_psd=psd, runs=5) for system in (joined, apart)]
+    np.testing.assert_allclose(checks[0].rmse, checks[1].rmse, rtol=1e-7)
+    if not errors:
+        empirical = [od.empirical_gramian(system, path, eps=1e-4).total for system in (joined, apart)]
+        np.testing.assert_allclose(empirical[0], empirical[1], rtol=1e-9)
+
+
+def test_a_lever_arm_sees_the_heading_by_distances_alone():
+    """A vehicle that stands still, two tags 1 m ahead and behind, three anchors: all is observable; from the middle not."""
+    anchors = ((10.0, 0.0), (-4.0, 9.0), (-3.0, -8.0))
+    still = {"speed": 0.0, "turn_rate": 0.0}
+    tags = [od.Range(anchor, 0.1, lever_arm=(ahead, 0.0), height=2.0) for anchor in anchors for ahead in (1.0, -1.0)]
+    assert od.observability(od.System(od.Unicycle(), tuple(tags)), held=still).dimension == 3
+    middle = tuple(od.Range(anchor, 0.1, height=2.0) for anchor in anchors)
+    assert od.observability(od.System(od.Unicycle(), middle), held=still).dimension == 2
+
+
+def test_wind_is_seen_by_speed_and_course_over_ground_with_a_compass():
+    """Heading, and the velocity over ground less what the airspeed makes of it: the wind, but no position."""
+    system = od.System(od.Dubins(15.0, wind="constant"), (od.Magnetometer(0.1), od.SpeedOverGround(0.2), od.Course(0.05)))
+    verdict = od.observability(system)
+    assert verdict.dimension == 3
+    assert set(verdict.observable_states) == {"heading", "wind_x", "wind_y"}
+
+
+def test_a_velocity_that_an_input_makes_is_no_function_of_the_state():
+    with pytest.raises(od.InputError, match=r"sensor 'course' needs the state 'y_rate', .*: a rate is one of the state alone"):
+        _ = od.System(od.Unicycle(), (od.Course(0.1),)).model
+
+
+def test_what_a_beacon_sensor_is_told_is_looked_at():
+    for wrong, named in (({"height": np.inf}, "height"), ({"lever_arm": (1.0,)}, "lever_arm")):
+        with pytest.raises(od.InputError, match=f"range: {named} is"):
+            od.Range(BEACON, 1.0, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(od.InputError, match=r"range_bearing: bearing_sigma is 0\.0: must be a finite number above 0"):
+        od.RangeBearing(BEACON, 1.0, bearing_sigma=0.0)

@@ -99,18 +99,37 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
     import casadi as ca
 
     state = {signal.name: x[i] for i, signal in enumerate(system.vehicle.states)}
+    state |= _rates(system.vehicle, x)
     for name, sensor in zip(system.sensor_names, system.sensors, strict=True):
         try:
             h = ca.vertcat(*sensor.measure(state))
             spread, gate = sensor.spread(state), sensor.gate(state)
         except KeyError as missing:
-            raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have") from None
-        for quantity, value in (("spread", spread), ("gate", gate)):
-            if value.shape != (1, 1):
-                raise InputError(f"sensor {name!r}: {quantity} has shape {value.shape}: must be one number for all its outputs")
+            raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have{_about(missing)}") from None
+        if gate.shape != (1, 1):
+            raise InputError(f"sensor {name!r}: gate has shape {gate.shape}: must be one number for all its outputs")
+        if spread.shape not in {(1, 1), (len(sensor.outputs), 1)}:
+            raise InputError(f"sensor {name!r}: spread has shape {spread.shape}: must be one number, or one for each of its outputs")
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
         noise = Noise(_spread_of(system, name, spread), gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
         yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)
+
+
+def _rates(vehicle: AbstractVehicle, x: ca.SX) -> dict[str, ca.SX]:
+    """Return how fast states change, as x_rate, ...: of those in whose rate neither inputs nor disturbances have a part."""
+    import casadi as ca
+
+    fields = vehicle.fields(x)
+    driven = ca.horzcat(*fields.inputs, *fields.disturbances)
+    free = [i for i in range(len(vehicle.states)) if driven.numel() == 0 or ca.sparsify(driven[i, :]).nnz() == 0]
+    return {f"{vehicle.states[i].name}_rate": fields.drift[i] for i in free}
+
+
+def _about(missing: KeyError) -> str:
+    """What to do about a state that is missing, if it is a rate."""
+    if not str(missing.args[0]).endswith("_rate"):
+        return ""
+    return ": a rate is one of the state alone, without inputs or unknown ones (a constant wind, a constant speed)"
 
 
 def _spread_of(system: System, name: str, spread: ca.SX) -> ca.SX:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import pi
 from typing import TYPE_CHECKING
 
-from obsdesign.checks import as_pair, require_positive, require_within
+from obsdesign.checks import as_pair, require_finite, require_positive, require_within
 from obsdesign.errors import InputError
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.signals import Point
@@ -25,8 +25,9 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
     """A sensor that looks at a beacon at the distance r.
 
     spread = sqrt(sigma^2 + (sigma_per_metre r)^2). A sample arrives with the share g = g_range g_view, smooth so that it can be
-    differentiated: g_range = 1 / (1 + exp((r / max_range - 1) / 0.05)), and with b the beacon's angle off the nose
-    g_view = 1 / (1 + exp((cos(field_of_view / 2) - cos b) / 0.05)). Raises InputError for values outside the ranges below.
+    differentiated: g_range = 1 / (1 + exp((r / max_range - 1) / 0.05)), and with b the beacon's angle off the sensor's nose, in the plane,
+    g_view = 1 / (1 + exp((cos(field_of_view / 2) - cos b) / 0.05)). The sensor sits at position + lever_arm, turned with the heading, and
+    r^2 = east^2 + north^2 + height^2 from there. Raises InputError for values outside the ranges below.
     """
 
     beacon: Point
@@ -39,12 +40,18 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
     """Distance beyond which samples fail to arrive [m], > 0; None = no limit."""
     field_of_view: float | None = field(default=None, kw_only=True)
     """Whole angle about the nose outside of which samples fail to arrive [rad], in (0, 2 pi); None = no limit."""
+    height: float = field(default=0.0, kw_only=True)
+    """How far the beacon is above or below the sensor [m]."""
+    lever_arm: Point = field(default=(0.0, 0.0), kw_only=True)
+    """Where on the vehicle the sensor sits (forward, left) of the position [m]; anything but (0, 0) needs the state heading."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_positive(f"{self.name}: sigma", self.sigma)
         object.__setattr__(self, "beacon", as_pair(f"{self.name}: beacon", self.beacon))
         require_within(f"{self.name}: sigma_per_metre", self.sigma_per_metre)
+        object.__setattr__(self, "lever_arm", as_pair(f"{self.name}: lever_arm", self.lever_arm))
+        require_finite(f"{self.name}: height", self.height)
         if self.max_range is not None:
             require_positive(f"{self.name}: max_range", self.max_range)
         if self.field_of_view is not None:
@@ -53,28 +60,51 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
                 raise InputError(f"{self.name}: field_of_view is {self.field_of_view!r}: must be below 2 pi (None = no limit)")
 
     @property
+    @abstractmethod
+    def nose(self) -> float:
+        """The direction in which the sensor looks, off the vehicle's nose [rad], counter-clockwise."""
+
+    @property
     def landmark(self) -> Point:
         """The beacon."""
         return self.beacon
 
     def offset(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """Return beacon - position, east and north [m]."""
-        return self.beacon[0] - state["x"], self.beacon[1] - state["y"]
+        """Return beacon - sensor, east and north [m]."""
+        import casadi as ca
+
+        east, north = self.beacon[0] - state["x"], self.beacon[1] - state["y"]
+        forward, left = self.lever_arm
+        if not (forward or left):
+            return east, north
+        cosine, sine = ca.cos(state["heading"]), ca.sin(state["heading"])
+        return east - (forward * cosine - left * sine), north - (forward * sine + left * cosine)
+
+    def square_distance(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return r^2 [m^2]."""
+        east, north = self.offset(state)
+        square = east * east + north * north
+        return square + self.height**2 if self.height else square
 
     def distance(self, state: Mapping[str, ca.SX]) -> ca.SX:
-        """Return r = |beacon - position| [m]."""
-        east, north = self.offset(state)
+        """Return r [m]."""
         # a power, not sqrt: the verdicts know how to square it away
-        return (east * east + north * north) ** 0.5
+        return self.square_distance(state) ** 0.5
 
-    def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
+    def direction(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return the beacon's direction off the nose, atan2(north, east) - heading [rad]."""
+        import casadi as ca
+
+        east, north = self.offset(state)
+        return ca.atan2(north, east) - state["heading"]
+
+    def spread_with(self, sigma: float, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return sqrt(sigma^2 + (sigma_per_metre r)^2)."""
         import casadi as ca
 
         if not self.sigma_per_metre:
-            return ca.SX(self.sigma)
-        east, north = self.offset(state)
-        return ca.sqrt(self.sigma**2 + self.sigma_per_metre**2 * (east * east + north * north))
+            return ca.SX(sigma)
+        return ca.sqrt(sigma**2 + self.sigma_per_metre**2 * self.square_distance(state))
 
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return g_range g_view, 1 where neither has a limit."""
@@ -85,8 +115,9 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
             share *= _smooth_gate(1 - self.distance(state) / self.max_range)
         if self.field_of_view is not None:
             east, north = self.offset(state)
-            ahead = east * ca.cos(state["heading"]) + north * ca.sin(state["heading"])
-            share *= _smooth_gate(ahead / self.distance(state) - ca.cos(self.field_of_view / 2))
+            nose = state["heading"] + self.nose if self.nose else state["heading"]
+            ahead = east * ca.cos(nose) + north * ca.sin(nose)
+            share *= _smooth_gate(ahead / (east * east + north * north) ** 0.5 - ca.cos(self.field_of_view / 2))
         return share
 
 

@@ -55,11 +55,11 @@ class AbstractSensor(ABC):
 
     @abstractmethod
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
-        """Return the noise-free outputs h(x) at the state given by name."""
+        """Return the noise-free outputs h(x) at the state given by name, with `x_rate`: how fast x changes, where no input matters."""
 
     @abstractmethod
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
-        """Return the standard deviation of one sample at the state, one number for all outputs, without inflation and bias."""
+        """Return the standard deviation of one sample at the state, for all outputs or for each, without inflation and bias."""
 
     @abstractmethod
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
 class Range(AbstractBeaconSensor):
-    """Distance to a beacon: h = |beacon - position| [m].
+    """Distance to a beacon: h = |beacon - sensor| [m].
 
     Source: Brace and Morgansen, Table I.
     """
@@ -29,6 +29,15 @@ class Range(AbstractBeaconSensor):
         """One distance [m]."""
         return (Signal(self.name, "m"),)
 
+    @property
+    def nose(self) -> float:
+        """0: it looks ahead."""
+        return 0.0
+
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
-        """Return |beacon - position|."""
+        """Return |beacon - sensor|."""
         return (self.distance(state),)
+
+    def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return sqrt(sigma^2 + (sigma_per_metre r)^2)."""
+        return self.spread_with(self.sigma, state)
