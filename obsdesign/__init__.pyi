@@ -53,6 +53,7 @@ from .estimation.fixed_interval_smoother import FixedIntervalSmoother as FixedIn
 from .estimation.gate import Gate as Gate
 from .estimation.iterated_extended_kalman_filter import IteratedExtendedKalmanFilter as IteratedExtendedKalmanFilter
 from .estimation.log_run import estimate_log as estimate_log
+from .estimation.log_run import path_of_estimate as path_of_estimate
 from .estimation.unscented_kalman_filter import UnscentedKalmanFilter as UnscentedKalmanFilter
 from .estimation.validation import Validation as Validation
 from .estimation.validation import validate as validate

@@ -42,6 +42,7 @@ ALONG = {"system": SYSTEM, "path": PATH}
 FROM_START = {"system": SYSTEM, "x0": PATH.x[0], "u": U, "dt": 0.5}
 THREE = od.System(od.Unicycle(), tuple(od.Bearing(place, 0.1) for place in ((2.0, 0.0), (-1.0, 1.7), (-1.0, -1.7))))
 SAMPLES = od.LogSamples(("range",), [0.0, 1.0], [0, 0], [5.0, 6.0])
+LOG = od.Log(od.LogInputs(("turn_rate",), [0.0], [[0.1]]), SAMPLES)
 SCENARIO = "scenarios/aerosonde_wind.toml"
 
 # every public name that takes arguments of a user, with arguments that it accepts
@@ -73,7 +74,8 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "sensor_losses": {"blocks": BLOCKS, "schedule": od.select_sensors(BLOCKS)},
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
-    "estimate_log": {"system": SYSTEM, "log": od.Log(od.LogInputs(("turn_rate",), [0.0], [[0.1]]), SAMPLES), "prior": PRIOR},
+    "estimate_log": {"system": SYSTEM, "log": LOG, "prior": PRIOR},
+    "path_of_estimate": {"system": SYSTEM, "log": LOG, "estimate": od.estimate_log(SYSTEM, LOG, PRIOR)},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
     "estimate_states": {"system": SYSTEM, "prior": PRIOR, "u": U, "y": np.ones((8, 3)), "dt": 0.5},
     "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},

@@ -376,7 +376,7 @@ def test_the_page_on_logs_shows_what_runs(tmp_path, monkeypatch, capsys):
     page = (ROOT / "docs/logs.md").read_text()
     (tmp_path / "drive.csv").write_text(re.findall(r"```csv\n(.*?)```", page, flags=re.DOTALL)[0])
     monkeypatch.chdir(tmp_path)
-    exec(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[0], {})  # noqa: S102
+    exec("".join(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[:2]), {})  # noqa: S102
     assert "log of 1.44 s, 4 samples" in capsys.readouterr().out
     (tmp_path / "topics.toml").write_text(re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)[0])
     names = set(load_topic_map(tmp_path / "topics.toml").entries)

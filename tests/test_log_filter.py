@@ -90,6 +90,23 @@ def test_samples_moved_to_a_grid_of_their_own_distance_are_not_moved_at_all():
     assert grid.mean == pytest.approx(free.mean, abs=1e-12)
 
 
+def test_information_along_the_estimate_is_what_the_filter_knows_of_a_linear_system():
+    random = np.random.default_rng(3)
+    times = np.repeat(np.sort(random.uniform(0.0, 10.0, 15)), 2)
+    log = od.Log(
+        od.LogInputs(("u",), [0.0, 5.0], [[0.1], [-0.2]]),
+        od.LogSamples(("a", "b"), times, random.integers(0, 2, 30), random.standard_normal(30)),
+    )
+    prior, psd = od.Prior([1.0, 0.0], std=(1.0, 1.0)), (0.01, 0.02)
+    estimate = od.estimate_log(MASS, log, prior, disturbance_psd=psd)
+    path = od.path_of_estimate(MASS, log, estimate)
+    J = od.posterior_information(MASS, path, prior, psd, samples=log)
+    last = np.append(np.diff(estimate.t) > 0, True)
+    assert np.linalg.inv(J) == pytest.approx(estimate.covariance[last], rel=1e-8, abs=1e-10)
+    with pytest.raises(od.InputError, match="estimate is of the states x, v: the system has x, y, heading"):
+        od.path_of_estimate(SYSTEM, log, estimate)
+
+
 def test_validation_reads_sensors_when_the_log_did():
     random = np.random.default_rng(2)
     path = od.simulate(MASS, [0.0, 1.0], 0.1 * random.standard_normal((40, 1)), 0.25)

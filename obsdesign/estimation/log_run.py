@@ -17,10 +17,10 @@ from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.filter_run import estimate_of, require_estimates, require_prior
 from obsdesign.information.posterior import noise_factor
 from obsdesign.information.recorded_samples import require_single_spread
-from obsdesign.logs.events import Events, events_of
+from obsdesign.logs.events import Events, events_of, input_integrals
 from obsdesign.logs.log import Log
 from obsdesign.prior import Prior
-from obsdesign.trajectory import TOLERANCE
+from obsdesign.trajectory import TOLERANCE, Trajectory
 
 
 @validate_arguments
@@ -61,6 +61,25 @@ def estimate_log(
     belief, reports = bank.report(start, events.rows, events.y[:, None], _weights(system, events))
     require_estimates(system, belief, events.t)
     return estimate_of(system, events.t, belief, reports, events.arrived)
+
+
+@validate_arguments
+def path_of_estimate(system: AbstractSystem, log: Log, estimate: Estimate) -> Trajectory:
+    """Return the path that a filter went along a log, with the inputs of the log: what information needs where no truth is known.
+
+    Instants are those of the estimate, once each: after all samples of that time.
+
+    Arguments:
+        system: vehicle and sensors.
+        log: the recorded run.
+        estimate: what estimate_log made of it.
+    Raises InputError for an estimate of other states.
+    """
+    if estimate.states != system.model.state_names:
+        raise InputError(f"estimate is of the states {', '.join(estimate.states)}: the system has {', '.join(system.model.state_names)}")
+    is_last = np.append(np.diff(estimate.t) > 0, True)
+    t = estimate.t[is_last]
+    return Trajectory(t, estimate.mean[is_last], input_integrals(system.model, log, t) / np.diff(t)[:, None])
 
 
 def _weights(system: AbstractSystem, events: Events) -> np.ndarray:

@@ -84,7 +84,7 @@ def events_of(system: AbstractSystem, log: Log, step: float | None = None) -> Ev
         y[instant[chosen][:, None], outputs] = samples.y[chosen, : len(outputs)]
         arrived[instant[chosen], s] = True
         sigma[instant[chosen], s] = np.nan if samples.sigma is None else samples.sigma[chosen]
-    return Events(t, _increments(model, log, t), y, arrived, sigma, shifts)
+    return Events(t, input_integrals(model, log, t), y, arrived, sigma, shifts)
 
 
 def require_samples(system: AbstractSystem, log: Log) -> LogSamples:
@@ -106,8 +106,8 @@ def require_samples(system: AbstractSystem, log: Log) -> LogSamples:
     return LogSamples(used, log.samples.t, places[log.samples.sensor], log.samples.y, log.samples.sigma)
 
 
-def _increments(model: Model, log: Log, t: np.ndarray) -> np.ndarray:
-    """Return the integrals (N, m) of the system's inputs over the steps between t (N+1,)."""
+def input_integrals(model: Model, log: Log, t: np.ndarray) -> np.ndarray:
+    """Return the integrals (N, m) of the system's inputs over the steps between t (N+1,), or raise InputError where one is missing."""
     if not model.inputs:
         return np.zeros((len(t) - 1, 0))
     names = () if log.inputs is None else log.inputs.names
