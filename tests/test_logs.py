@@ -66,6 +66,22 @@ def test_the_first_share_is_of_the_time():
     assert later.inputs.over(np.array([1.5, 3.0])) == pytest.approx(np.array([[2.0, 0.1]]))
 
 
+@settings(max_examples=30, deadline=None)
+@given(TIMES, st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.randoms(use_true_random=False))
+def test_a_stretch_keeps_the_integrals_within_it(readings, a, b, random):
+    t = np.array(readings)
+    if np.diff(t).min() < 1e-3 or abs(a - b) < 1e-3:
+        return
+    first, last = sorted(t[0] + share * (t[-1] - t[0]) for share in (a, b))
+    u = np.array([[random.uniform(-1, 1) if random.random() < 0.7 else np.nan for _ in range(2)] for _ in t])
+    u[:2] = 0.5
+    inputs = od.LogInputs(("added", "held"), t, u, ("added",))
+    times = np.linspace(first, last, 5)
+    part = inputs.stretch(first, last)
+    assert part.integrals(times) == pytest.approx(inputs.integrals(times), abs=1e-9)
+    assert part.t[-1] <= last
+
+
 def test_truth_is_interpolated_where_it_is_known_and_angles_take_the_short_way():
     truth = small_log().truth
     values = truth.at(np.array([-1.0, 1.0, 3.0, 5.0]), angles=("heading",))

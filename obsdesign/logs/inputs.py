@@ -62,14 +62,24 @@ class LogInputs:
         return integrals
 
     def stretch(self, first: float, last: float) -> LogInputs:
-        """Return the readings from one time to another [s], and for what is held there the last ones before."""
+        """Return the readings from one time to another [s], and those before that still hold there; of increments that part as well
+        which came together until the end. Integrals within that time stay what they are.
+        """
         inside = np.flatnonzero((self.t >= first) & (self.t <= last))
         start = max(int(inside[0]) - 1, 0) if len(inside) else max(int(np.searchsorted(self.t, first)) - 1, 0)
         end = int(inside[-1]) + 1 if len(inside) else start + 1
         u = self.u[start:end].copy()
         if len(u) and self.t[start] < first:
             u[0] = [self._latest(i, start) for i in range(len(self.names))]
-        return LogInputs(self.names, self.t[start:end], u, self.increments)
+        t = self.t[start:end]
+        if self.increments and end < len(self.t) and t[-1] < last:
+            t, u = np.append(t, last), np.vstack([u, np.full(u.shape[1], np.nan)])
+        if self.increments and len(t) > 1:
+            # between all rows, as the reading before the first may be far away
+            added = [self.names.index(name) for name in self.increments]
+            sums = self.integrals(t)[:, added]
+            u[:, added] = np.vstack([sums[:1], sums])
+        return LogInputs(self.names, t, u, self.increments)
 
     def _latest(self, column: int, row: int) -> float:
         """The last reading of a column up to a row, nan where there is none; increments count from their own row on."""
