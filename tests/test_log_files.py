@@ -221,6 +221,19 @@ def test_a_ulog_as_pyulog_writes_it(tmp_path):
         od.read_log(tmp_path / "log.ulg", GPS_ONLY)
 
 
+def test_a_damaged_ulog_says_so_and_prints_nothing(tmp_path, capsys):
+    (tmp_path / "log.ulg").write_bytes(ulog_bytes()[:-7])
+    assert od.read_recording(tmp_path / "log.ulg").topics["odom"].rate == pytest.approx(4.0)
+    damaged = bytearray(ulog_bytes())
+    damaged[-40] ^= 0xFF
+    (tmp_path / "log.ulg").write_bytes(bytes(damaged))
+    od.read_recording(tmp_path / "log.ulg")
+    (tmp_path / "log.ulg").write_bytes(ulog_bytes()[:250])
+    with pytest.raises(od.InputError, match=r"log\.ulg"):
+        od.read_recording(tmp_path / "log.ulg")
+    assert capsys.readouterr().out == ""
+
+
 def test_a_dataflash_log_of_text_and_binary(tmp_path):
     formats = {"odom": (101, "Qdd", "TimeUS,v,yaw_rate"), "gps": (102, "Qdddd", "TimeUS,lat,lon,eph,I"), "att": (103, "Qd", "TimeUS,yaw")}
     sizes = {name: 3 + 8 * len(letters) for name, (_, letters, _) in formats.items()}
@@ -357,6 +370,9 @@ def test_arrays_of_a_ranging_run(tmp_path):
         ({"odom": arrays["odom"][::-1]}, r"array 'odom', row 1: t is 19.8 after 19.9"),
         ({"odom": arrays["odom"][:0]}, "has no input 'speed'"),
         ({"beacons": np.array([None, 1])}, "is no NPZ of numbers"),
+        ({"beacons": np.zeros(3)}, r"array 'beacons': has shape \(3,\): must have columns t, x, y"),
+        ({"gt": arrays["gt"][:, :2]}, r"array 'gt': has shape \(200, 2\): must have columns t, x, y, heading"),
+        ({"odom": np.where(np.arange(199)[:, None] == 4, np.nan, arrays["odom"])}, r"array 'odom', row 4, column 0: is nan"),
     ):
         np.savez(tmp_path / "bad.npz", **{**arrays, **change})
         with pytest.raises(od.InputError, match=message):

@@ -50,6 +50,9 @@ def _columns(file: Path, name: str, values: np.ndarray, fields: tuple[str, ...],
     if values.ndim != 2 or values.shape[1] != len(fields) + 1:
         raise InputError(f"{file}, array {name!r}: has shape {values.shape}: must have columns t, {', '.join(fields)}")
     t = values[:, 0].astype(float)
+    if not np.isfinite(t).all():
+        row = int(np.argmax(~np.isfinite(t)))
+        raise InputError(f"{file}, array {name!r}, row {row}, column 0: is {t[row]}: must be finite")
     backwards = np.flatnonzero(np.diff(t) < 0)
     if len(backwards) and not in_any_order:
         row = int(backwards[0]) + 1
@@ -58,27 +61,32 @@ def _columns(file: Path, name: str, values: np.ndarray, fields: tuple[str, ...],
 
 
 def _ranging_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topic]:
-    beacons = arrays["beacons"][:, 0].astype(int).tolist()
-    unknown = np.flatnonzero(~np.isin(arrays["ranges"][:, 2], beacons))
+    beacons = _columns(file, "beacons", arrays["beacons"], ("x", "y"), in_any_order=True).t
+    ranges = _columns(file, "ranges", arrays["ranges"], ("antenna", "beacon", "range"), in_any_order=True)
+    unknown = np.flatnonzero(~np.isin(ranges.fields["beacon"], beacons))
     if len(unknown):
         row = int(unknown[0])
+        accepted = ", ".join(f"{beacon:g}" for beacon in beacons)
         raise InputError(
-            f"{file}, array 'ranges', row {row}, column 2: beacon {arrays['ranges'][row, 2]:g} is not among the beacons {beacons}"
+            f"{file}, array 'ranges', row {row}, column 2: beacon {ranges.fields['beacon'][row]:g} is not among the beacons {accepted}"
         )
     topics = {
         "odom": _columns(file, "odom", arrays["odom"], ("distance", "turn")),
         "gt": _columns(file, "gt", arrays["gt"], ("x", "y", "heading")),
     }
-    ranges = _columns(file, "ranges", arrays["ranges"], ("antenna", "beacon", "range"), in_any_order=True)
     for beacon in beacons:
-        chosen = ranges.fields["beacon"] == beacon
-        topics[f"beacon_{beacon}"] = Topic(f"beacon_{beacon}", ranges.t[chosen], {"range": ranges.fields["range"][chosen]})
+        chosen, name = ranges.fields["beacon"] == beacon, f"beacon_{beacon:g}"
+        topics[name] = Topic(name, ranges.t[chosen], {"range": ranges.fields["range"][chosen]})
     return topics
 
 
 def _tag_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topic]:
     """Poses, and for each anchor the ranges of all tags where all have one."""
     t, ranges = arrays["t"].astype(float), arrays["ranges"].astype(float)
+    if t.ndim != 1 or ranges.ndim != 3 or len(ranges) != len(t) or arrays["pose"].shape != (len(t), 4):
+        raise InputError(
+            f"{file}: t {t.shape}, pose {arrays['pose'].shape} and ranges {ranges.shape} do not fit: (T,), (T, 4), (T, anchors, tags)"
+        )
     topics = {"pose": _columns(file, "pose", np.column_stack([t, arrays["pose"]]), ("x", "y", "z", "yaw"))}
     for anchor in range(ranges.shape[1]):
         values = ranges[:, anchor]
