@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from contextlib import closing
+from contextlib import closing, redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,11 @@ def read_dataflash(file: Path) -> Recording:
         raise missing_package("pymavlink", "ardupilot", "dataflash") from None
     try:
         is_text = file.suffix.lower() == ".log"
-        with closing(DFReader.DFReader_text(str(file)) if is_text else DFReader.DFReader_binary(str(file))) as reader:
+        # it prints what it thinks of a file
+        with (
+            redirect_stdout(StringIO()),
+            closing(DFReader.DFReader_text(str(file)) if is_text else DFReader.DFReader_binary(str(file))) as reader,
+        ):
             messages = _messages(reader)
     except Exception as error:  # noqa: BLE001  # whatever it makes of a broken file
         raise InputError(f"{file}: is no dataflash log that can be read: {error}") from None
