@@ -58,6 +58,18 @@ class LinearModel:
         B = self.unknown_columns
         return replace(self, noise=self.noise + (B * variance) @ B.swapaxes(1, 2))
 
+    def in_units(self, units: np.ndarray) -> LinearModel:
+        """Return the model of z_i / units_i (n,)."""
+        square = units[:, None] * units
+        return replace(
+            self,
+            initial_covariance=self.initial_covariance / square,
+            transition=self.transition * units / units[:, None],
+            noise=self.noise / square,
+            rows=self.rows * units,
+            unknown_columns=self.unknown_columns / units[:, None],
+        )
+
     def covariances(self, active: np.ndarray) -> np.ndarray:
         """Return the covariances (..., N, n, n) of z after the samples at t_k of a Kalman filter, active (..., N, S): what is on."""
         P = np.broadcast_to(self.initial_covariance, (*active.shape[:-2], *self.initial_covariance.shape))

@@ -14,7 +14,7 @@ from obsdesign.selection.posterior.filter_certificate import certify_schedule
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import select_for_filter, solve_question
 from obsdesign.selection.posterior.formulation import formulate
-from obsdesign.selection.posterior.options import build_options, switching_of
+from obsdesign.selection.posterior.options import build_options
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
 from obsdesign.trajectory import Trajectory
@@ -83,7 +83,7 @@ class FilterJointProblem(AbstractJointProblem[FilterSchedule]):
         """Return what the switching-ons of a schedule cost."""
         if not self.rules:
             return 0.0
-        return switching_of(build_options(self.rules, self.per_segment, self.rule_segments(path), None), schedule.chosen)
+        return build_options(self.rules, self.per_segment, self.rule_segments(path), None).switching_of(schedule.chosen)
 
     def recorded_value(self, path: Trajectory, schedule: FilterSchedule, penalty: float) -> float:
         """Return the posterior's value of the two, recomputed."""

@@ -10,7 +10,7 @@ import numpy as np
 from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_ceilings, relaxation_of_windows
 from obsdesign.selection.posterior.blocks import bound_by_blocks
 from obsdesign.selection.posterior.cost_slopes import cost_slopes
-from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, build_chain, prove
+from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, build_chain, prove, windows_of
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices
 from obsdesign.selection.posterior.trellis import follow_trellis
@@ -37,11 +37,15 @@ _TOLERANCE = 0.1  # of what the ceiling is worth: states are split that are so n
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The best schedule known and a bound that no schedule is below, and what proved it; walk None: no schedule keeps the limits."""
+    """The best schedule known and a bound that no schedule is below, and what proved it; walk None: no schedule keeps the limits.
+
+    is_exact: all schedules were tried, and none is better.
+    """
 
     walk: Walk | None
     bound: float
     bound_by: str
+    is_exact: bool = False
 
 
 def search(
@@ -124,7 +128,7 @@ def _search_blocks(
 def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
     """Return what windows and then refined states come to from a first schedule; gap_at: how near, by the best cost known."""
     proof = prove(problem, walk, gap_at(walk.value), effort)
-    answer = Answer(proof.walk, proof.bound, _windows_of(proof.depth))
+    answer = Answer(proof.walk, proof.bound, windows_of(proof.depth))
     is_closed = proof.bound >= proof.walk.value - gap_at(proof.walk.value)
     if is_closed or problem.deadline.is_over or proof.depth == 1:  # pairs of choices are too many already
         return answer
@@ -160,7 +164,7 @@ def _join_all(problem: PosteriorProblem, answer: Answer, gap_at: Callable[[float
 def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
     """Return what passes with more and more states after each segment come to, from the windows of a proof on."""
     walk, bound, rest = proof.walk, proof.bound, effort.max_simulated - proof.simulated
-    by = _windows_of(proof.depth)
+    by = windows_of(proof.depth)
     slopes = cost_slopes(problem, walk)
     relaxation = relaxation_of_windows(proof.chain, walk.value - gap_at(walk.value))
     tolerance = _TOLERANCE * _worth(problem, walk, slopes)
@@ -184,10 +188,6 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
         relaxation, bound = result.relaxation, max(bound, result.relaxation.bound)
         walk = better_walk(problem, walk, [result.nodes])
     return Answer(walk, min(bound, walk.value), by)
-
-
-def _windows_of(depth: int) -> str:
-    return f"windows of {depth} segment{'s' if depth > 1 else ''}"
 
 
 def _can_hold(problem: PosteriorProblem, relaxation: Relaxation, width: int) -> bool:

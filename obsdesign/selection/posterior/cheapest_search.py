@@ -21,7 +21,9 @@ from obsdesign.selection.posterior.deepening import (
     extend_windows,
     prices_tried,
     prune,
+    windows_of,
 )
+from obsdesign.selection.posterior.few_schedules import all_tried, few_walks
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.trellis import best_by_key
 from obsdesign.selection.posterior.windows import WindowLayer, single_layers
@@ -58,14 +60,36 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Cheapest:
-    """The cheapest walk known, None without one, what none costs less than, inf where there is none, and how long windows were."""
+    """The cheapest walk known, None without one, what none costs less than, inf where there is none, and what proves that, in words."""
 
     walk: Walk | None
     bound: float
-    depth: int
+    bound_by: str
 
 
-def search_cheapest(problem: PosteriorProblem, target: Target) -> Cheapest:
+def search_cheapest(problem: PosteriorProblem, target: Target, steps: int) -> Cheapest:
+    """Return the cheapest walk along a path of so many steps and a bound; where windows leave it open, few schedules are tried."""
+    answer = _search_windows(problem, target)
+    is_closed = answer.walk is not None and answer.bound >= target.wanted_below(answer.walk.value)
+    few = None if is_closed or np.isposinf(answer.bound) else few_walks(problem.options, steps)
+    return answer if few is None else _cheapest_of_few(problem, target, few) or answer
+
+
+def _cheapest_of_few(problem: PosteriorProblem, target: Target, few: np.ndarray) -> Cheapest | None:
+    """Return the cheapest of walks (B, K) that keeps every limit; None where there is no time for all that cost less."""
+    before = np.hstack([np.full((len(few), 1), -1), few[:, :-1]])
+    k = np.arange(problem.segments)
+    on_costs = 0.0 if problem.purchase is None else problem.purchase.on_costs[k, few].sum(axis=1)
+    for nodes in few[np.argsort(on_costs + problem.switching_costs(k, before, few).sum(axis=1), kind="stable")]:
+        if problem.deadline.is_over:
+            return None
+        if target.keeps(nodes):
+            walk = problem.walk(nodes)
+            return Cheapest(walk, walk.value, all_tried(few))
+    return Cheapest(None, np.inf, all_tried(few))
+
+
+def _search_windows(problem: PosteriorProblem, target: Target) -> Cheapest:
     """Return the cheapest walk and a bound: deeper and deeper windows, without those that a better walk does not pass through."""
     walk, bound, depth = first_purchase(problem, target), -np.inf, 1
     layers, simulated = single_layers(problem), 0
@@ -78,10 +102,10 @@ def search_cheapest(problem: PosteriorProblem, target: Target) -> Cheapest:
         limit = np.inf if walk is None else target.wanted_below(walk.value)
         bound = max(bound, min(chain_bound, target.round_up(limit)))
         if chain_bound >= limit or depth >= problem.segments:
-            return Cheapest(walk, bound, depth)
+            return Cheapest(walk, bound, windows_of(depth))
         longer = _deeper(chain, limit, simulated)
         if longer is None:
-            return Cheapest(walk, bound, depth)
+            return Cheapest(walk, bound, windows_of(depth))
         layers, depth = longer, depth + 1
 
 

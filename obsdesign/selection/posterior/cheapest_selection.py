@@ -25,7 +25,7 @@ from obsdesign.selection.posterior.deadline import Deadline, deadline_after, req
 from obsdesign.selection.posterior.filter_certificate import TIME_WAS_UP, failed_schedule, with_note
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
 from obsdesign.selection.posterior.formulation import OF_SEARCH, problem_of, settle_unknown_inputs
-from obsdesign.selection.posterior.options import Options, build_options, switching_of
+from obsdesign.selection.posterior.options import Options, build_options
 from obsdesign.selection.posterior.problem import PosteriorProblem, Purchase, Walk
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
 from obsdesign.selection.posterior.requirement import RequiredKnowledge, Requirement, require_requirements
@@ -39,6 +39,7 @@ _FINEST = 1000  # parts of 1 that costs are looked at in when their unit is look
 
 
 @validate_arguments
+@np.errstate(over="ignore", invalid="ignore")  # covariances may grow beyond all numbers
 def cheapest_schedule(
     system: AbstractSystem,
     path: Trajectory,
@@ -113,7 +114,8 @@ def cheapest_schedule(
     question = settle_unknown_inputs(question, options, deadline)
     problem = purchase_problem(question, options, expense.cost, required, deadline.share(OF_SEARCH))
     unit = common_unit(np.concatenate([expense.cost, options.switching]))
-    answer = search_cheapest(problem, Target(lambda nodes: _holds(question, required, options.chosen(nodes)), unit, 0.9 * gap))
+    target = Target(lambda nodes: _holds(question, required, options.chosen(nodes)), unit, 0.9 * gap)
+    answer = search_cheapest(problem, target, path.steps)
     if answer.walk is not None:
         is_cut = problem.deadline.is_over
         schedule = _certify(question, problem, answer.walk, answer, gap, deadline)
@@ -196,8 +198,7 @@ def _impossible_within_rules(
 ) -> str:
     kept = ", ".join([f"{per_segment} at a time", *(str(rule) for rule in rules)])
     wanted = "; ".join(str(requirement.requirement) for requirement in required)
-    proof = f"by windows of {answer.depth} segments"
-    return f"impossible: with all on it is kept, but no schedule within the rules ({kept}) keeps {wanted}, {proof}"
+    return f"impossible: with all on it is kept, but no schedule within the rules ({kept}) keeps {wanted}, by {answer.bound_by}"
 
 
 def _certify(
@@ -216,7 +217,7 @@ def _certify(
         remaining,
         question.deviations(chosen),
         Status.OPTIMAL if remaining <= max(gap, _EXACT) else Status.GAP_OPEN,
-        f"windows of {answer.depth} segments",
+        answer.bound_by,
         worth.memory,
         worth.prices,
         (),
@@ -234,5 +235,5 @@ def _compare(
     schedules = [("all on", np.ones((K, S), dtype=bool))]
     schedules += [(f"{name} always", single_sensor(K, S, s)) for s, name in enumerate(question.system.model.sensor_names)]
     schedules.append(("round robin", round_robin(K, S, per_segment)))
-    costs = [on.sum(axis=0) @ cost + switching_of(options, on) if _holds(question, required, on) else np.inf for _, on in schedules]
+    costs = [on.sum(axis=0) @ cost + options.switching_of(on) if _holds(question, required, on) else np.inf for _, on in schedules]
     return tuple(ComparedSchedule(name, on, float(value)) for (name, on), value in zip(schedules, costs, strict=True))

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
+from obsdesign.errors import InputError
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.selection.baselines import round_robin, single_sensor
 from obsdesign.selection.posterior.deadline import Deadline
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule
-from obsdesign.selection.posterior.options import switching_of
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion
 from obsdesign.selection.solver import select_sensors
@@ -37,7 +37,7 @@ def compare_schedules(
     for name, chosen in _others(question, problem, per_segment, rivals):
         if problem.deadline.is_over:
             return tuple(done), True
-        cost = max(part.schedule_cost(chosen) for part in sets) + switching_of(problem.options, chosen)
+        cost = max(part.schedule_cost(chosen) for part in sets) + problem.options.switching_of(chosen)
         done.append(ComparedSchedule(name, chosen, cost))
     return tuple(done), problem.deadline.is_over
 
@@ -62,19 +62,27 @@ def _others(
 
 def _for_the_start(question: FilterQuestion, per_segment: int, deadline: Deadline) -> np.ndarray | None:
     """Return the schedule that tells most about the start of the path, without process noise and prior; None without an answer."""
+    try:
+        blocks = _blocks(question)
+        schedule = select_sensors(
+            blocks,
+            per_segment,
+            criterion=MinEigenvalue(),
+            about=question.costs.about.tolist(),
+            method="columns",
+            gap=1e-3,
+            time_limit=deadline.seconds_left,
+            throw=False,
+        )
+    except InputError:  # information beyond what numbers hold
+        return None
+    return schedule.chosen if schedule.status.has_answer else None
+
+
+def _blocks(question: FilterQuestion) -> np.ndarray:
+    """Return what samples of sensors say of the start by segment (K, S, n, n), scaled."""
     information = variational_gramian(question.system, question.path)
     information = replace(information, blocks=information.blocks * (question.arrivals > 0)[:, :, None, None])
     scale = np.ones(question.path.x.shape[1])
     scale[question.costs.about] = question.costs.scale
-    blocks = information.by_stretch(question.nodes[:-1]) * scale[:, None] * scale * question.answers[:, :, None, None]
-    schedule = select_sensors(
-        blocks,
-        per_segment,
-        criterion=MinEigenvalue(),
-        about=question.costs.about.tolist(),
-        method="columns",
-        gap=1e-3,
-        time_limit=deadline.seconds_left,
-        throw=False,
-    )
-    return schedule.chosen if schedule.status.has_answer else None
+    return information.by_stretch(question.nodes[:-1]) * scale[:, None] * scale * question.answers[:, :, None, None]

@@ -216,6 +216,11 @@ def open_pairs(chain: Chain, k: int, limit: float) -> tuple[np.ndarray, np.ndarr
     return before[is_open], window[is_open]
 
 
+def windows_of(depth: int) -> str:
+    """Return what proves a bound by windows of so many choices, in words."""
+    return f"windows of {depth} segment{'s' if depth > 1 else ''}"
+
+
 def all_open_pairs(chain: Chain, limit: float, most: int) -> list[tuple[np.ndarray, np.ndarray]] | None:
     """Return `open_pairs` of all layers but the first; None where there are more than so many, or it is late."""
     pairs, count = [], 0

@@ -31,7 +31,7 @@ def certify(
     chosen = problem.options.chosen(walk.nodes)
     cost, predicted = question.rating(chosen)
     value = cost + problem.switching(walk.nodes)
-    bound = certified_bound(question, answer.bound, value, walk.value)
+    bound = value if answer.is_exact else certified_bound(question, answer.bound, value, walk.value)
     remaining = question.gap_between(value, bound)
     worth = sensor_prices(question, problem, walk)
     return FilterSchedule(

@@ -16,14 +16,15 @@ from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError, SolveError
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.posterior.bounded_search import first_walk, search
+from obsdesign.selection.posterior.bounded_search import Answer, first_walk, search
 from obsdesign.selection.posterior.comparison import compare_schedules
 from obsdesign.selection.posterior.deadline import Deadline, deadline_after, require_time_limit
+from obsdesign.selection.posterior.few_schedules import all_tried, best_of_few, few_walks
 from obsdesign.selection.posterior.filter_certificate import TIME_WAS_UP, accuracy_for, certify, failed_schedule, with_note
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
 from obsdesign.selection.posterior.formulation import formulate, problem_of
 from obsdesign.selection.posterior.lost_sensors import questions_without, solve_for_losses
-from obsdesign.selection.posterior.options import Options, build_options, switching_of
+from obsdesign.selection.posterior.options import Options, build_options
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
 from obsdesign.selection.posterior.rival_walks import greedy_walk, random_walks
@@ -34,6 +35,7 @@ _WORTH_SAYING = 0.01  # of a cost
 
 
 @validate_arguments
+@np.errstate(over="ignore", invalid="ignore")  # covariances may grow beyond all numbers
 def select_for_filter(
     system: AbstractSystem,
     path: Trajectory,
@@ -131,21 +133,28 @@ def solve_question(
     """Return the schedule for a checked question and its problem, compared with nothing; starts: walks (K,) to be no worse than."""
     least_costs = question.least_costs(problem.options.may_be_on)
     answer = search(problem, accuracy_for(gap), question.is_relative, starts, least_costs)
-    if answer.walk is None:
-        return _no_schedule(question, problem)
-    is_cut = problem.deadline.is_over
-    schedule = certify(question, replace(problem, deadline=deadline), answer.walk, answer, gap=gap)
+    is_cut, problem = problem.deadline.is_over, replace(problem, deadline=deadline)
+    schedule = None if answer.walk is None else certify(question, problem, answer.walk, answer, gap=gap)
+    if schedule is not None and schedule.gap <= gap:
+        return schedule
+    few = few_walks(problem.options, question.path.steps)
+    best = best_of_few(problem.options, few, question.schedule_cost, deadline)
+    if best is not None:
+        walk = problem.walk(best)
+        return certify(question, problem, walk, Answer(walk, np.inf, all_tried(few), is_exact=True), gap=gap)
+    if schedule is None:
+        return _no_schedule(question, len(problem.limits) <= 1 or (few is not None and not len(few)), is_cut)
     return with_note(schedule, TIME_WAS_UP) if is_cut and schedule.status is Status.GAP_OPEN else schedule
 
 
-def _no_schedule(question: FilterQuestion, problem: PosteriorProblem) -> FilterSchedule:
+def _no_schedule(question: FilterQuestion, is_proven: bool, is_cut: bool) -> FilterSchedule:
     """Return the record that says why no schedule was met.
 
     One limit: what is still needed after each choice is known exactly, so that some walk would have been met.
     """
-    if len(problem.limits) <= 1:
+    if is_proven:
         return failed_schedule(question, Status.INFEASIBLE, "no schedule keeps the rules")
-    if problem.deadline.is_over:
+    if is_cut:
         return failed_schedule(question, Status.TIME_LIMIT, "time was up before a schedule was met that keeps all limits together")
     return failed_schedule(question, Status.LOCALLY_INFEASIBLE, "no schedule was met that keeps all limits together; there may be one")
 
@@ -160,7 +169,7 @@ def require_schedule(what: str, schedule: np.ndarray, shape: tuple[int, ...]) ->
 
 def with_flown(question: FilterQuestion, problem: PosteriorProblem, schedule: FilterSchedule, on: np.ndarray) -> FilterSchedule:
     """Return the record that also says what the schedule that was flown (K, S) costs, and how far that is from the best at most."""
-    value = question.schedule_cost(on) + switching_of(problem.options, on)
+    value = question.schedule_cost(on) + problem.options.switching_of(on)
     saved = f"{100 * (1 - schedule.bound / value):.3g} % of it" if question.is_relative else f"{value - schedule.bound:.3g}"
     note = f"what was flown costs {value:.4g}: no schedule would have saved more than {saved}"
     return replace(schedule, compared=(*schedule.compared, ComparedSchedule("what was flown", on, value)), notes=(*schedule.notes, note))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from obsdesign.information.linear_model import LinearModel
 from obsdesign.selection.posterior.bounded_search import first_walk
 from obsdesign.selection.posterior.deadline import NEVER, Deadline
 from obsdesign.selection.posterior.options import Options
@@ -17,6 +18,7 @@ OF_SEARCH = 0.8
 """Of the time left: what a search may take; the rest is for what is said of its schedule."""
 _OF_UNKNOWN_INPUTS = 0.3  # of a time limit: what finding a variance for them may take
 _UNTRIED = "time was up: not all variances that may stand for unknown inputs were tried"
+_OTHER_UNIT = 1.3  # no power of two: rounding differs
 _TRIALS = 6  # schedules with which a variance for unknown inputs is judged
 
 
@@ -34,37 +36,48 @@ def formulate(question: FilterQuestion, options: Options, deadline: Deadline = N
 
 
 def settle_unknown_inputs(question: FilterQuestion, options: Options, deadline: Deadline) -> FilterQuestion:
-    """Return the question with that variance of unknown inputs with which the filter's variances are most nearly what they are in truth.
+    """Return the question with that variance of unknown inputs with which bounds come nearest to what is true.
 
-    With a finite variance all of them are smaller than in truth, by a share that falls with it; what rounding does grows with it. Judged
-    by the largest relative error at any instant that counts, of a few schedules and a good one, without floors. The smallest variance, with
-    which rounding does least, where the deadline is over before all of them are judged.
+    With a finite variance all of the filter's variances are smaller than in truth, by a share that falls with it: bounds hold. What
+    rounding does grows with it, and has to be taken off bounds, ten times. Both are judged at all instants that count, without floors: the
+    share by a good schedule, rounding by that and a few others. The smallest variance where the deadline is over before all are judged.
     """
     if not question.disturbance.unknown:
         return question
     deadline = deadline.share(_OF_UNKNOWN_INPUTS)
     plain = replace(question, floors=np.zeros_like(question.floors))
     walk = first_walk(problem_of(plain, options, deadline))
-    trials = np.array([options.chosen(nodes) for nodes in (*_trial_walks(options), *([] if walk is None else [walk.nodes]))])
+    trials = [options.chosen(nodes) for nodes in (*([] if walk is None else [walk.nodes]), *_trial_walks(options))]
     if deadline.is_over:
         return replace(question, notes=(_UNTRIED,))
+    active = np.array([question.active(chosen) for chosen in trials])
     exact = np.array([plain.deviations(chosen)[question.costs.counted][:, question.costs.about] ** 2 for chosen in trials])
-    errors = []
+    losses, errors = [], []
     for spread in UNKNOWN_SPREADS:
         if errors and deadline.is_over:
             return replace(question, unknown_error=errors[0], notes=(_UNTRIED,))
-        errors.append(_variance_error(plain, spread, trials, exact))
-    best = int(np.argmin(errors))
+        model = plain.model_with(spread)
+        variances = _variances(question, model, active)
+        errors.append(_largest_difference(variances, _variances(question, model, active, _OTHER_UNIT), exact))
+        losses.append(_largest_difference(variances[:1], exact[:1], exact[:1]) + 10 * errors[-1])
+    best = int(np.argmin(losses))
     return replace(question, unknown_spread=UNKNOWN_SPREADS[best], unknown_error=errors[best])
 
 
-def _variance_error(question: FilterQuestion, spread: float, trials: np.ndarray, exact: np.ndarray) -> float:
-    """Return the largest relative error of the model's variances of schedules (B, K, S), of those that are finite in truth (B, k, q)."""
-    active = np.array([question.active(chosen) for chosen in trials])
-    covariances = question.model_with(spread).covariances(active)[:, question.costs.counted]
-    variances = np.diagonal(covariances, axis1=-2, axis2=-1)[:, :, question.costs.about]
-    is_finite = np.isfinite(exact)
-    return float(np.abs(variances[is_finite] / exact[is_finite] - 1).max(initial=0.0))
+def _variances(question: FilterQuestion, model: LinearModel, active: np.ndarray, unit: float = 1.0) -> np.ndarray:
+    """Return the variances (B, k, q) of what is asked about with samples (B, N, S), computed with other units of the states.
+
+    unit^(i + 1) is that of state i. But for rounding they make no difference.
+    """
+    units = unit ** np.arange(1, 1 + len(model.initial_covariance))
+    covariances = model.in_units(units).covariances(active)[:, question.costs.counted]
+    return np.diagonal(covariances, axis1=-2, axis2=-1)[:, :, question.costs.about] * units[question.costs.about] ** 2
+
+
+def _largest_difference(variances: np.ndarray, others: np.ndarray, exact: np.ndarray) -> float:
+    """Return by which share of the true ones variances differ from others at most, where these are finite."""
+    is_known = np.isfinite(exact) & (exact > 0)
+    return float((np.abs(variances - others)[is_known] / exact[is_known]).max(initial=0.0))
 
 
 def _trial_walks(options: Options) -> np.ndarray:

@@ -16,6 +16,7 @@ import numpy as np
 from obsdesign.errors import InputError
 from obsdesign.selection.posterior.bounded_search import Answer, search
 from obsdesign.selection.posterior.deadline import Deadline
+from obsdesign.selection.posterior.few_schedules import all_tried, best_of_few, few_walks
 from obsdesign.selection.posterior.filter_certificate import (
     TIME_WAS_UP,
     accuracy_for,
@@ -72,21 +73,42 @@ def solve_for_losses(
     nodes = best_for_all(lost_sets, problem.deadline)
     if nodes is None:
         return None
-    chosen = problem.options.chosen(nodes)
-    values = [part.schedule_cost(chosen) + problem.switching(nodes) for part in sets]
-    bounds = [
-        certified_bound(lost.question, lost.answer.bound, value, lost.problem.walk(nodes).value)
-        for lost, value in zip(lost_sets, values, strict=False)
-    ]
-    worst, bound = int(np.argmax(values)), max(bounds)
-    is_searched, is_cut = worst < len(lost_sets), problem.deadline.is_over
-    own = lost_sets[worst].problem if is_searched else problem
-    answer = lost_sets[worst].answer if is_searched else Answer(None, -np.inf, "nothing")
-    record = certify(sets[worst], replace(own, deadline=deadline), own.walk(nodes), answer, gap=gap)
-    remaining = sets[worst].gap_between(record.value, bound)
+    bounds = [_bound_of(lost, nodes) for lost in lost_sets]
     by = f"one loss of {len(sets)} at a time, {lost_sets[int(np.argmax(bounds))].answer.bound_by}"
-    record = replace(record, bound=bound, gap=remaining, status=status_of_gap(remaining, gap), bound_by=by)
+    is_cut, last = problem.deadline.is_over, replace(problem, deadline=deadline)
+    record = _certify_worst(sets, last, nodes, max(bounds), by, gap)
+    if record.gap <= gap:
+        return record
+    best, all_of_few = _best_of_few(sets, problem, deadline)
+    if best is not None:
+        return _certify_worst(sets, last, best, np.inf, all_of_few, gap)
     return with_note(record, TIME_WAS_UP) if is_cut and record.status is Status.GAP_OPEN else record
+
+
+def _bound_of(lost: LostSet, nodes: np.ndarray) -> float:
+    """Return the bound of one loss alone, less what rounding may have added to it, as it shows in a schedule (K,)."""
+    value = lost.question.schedule_cost(lost.problem.options.chosen(nodes)) + lost.problem.switching(nodes)
+    return certified_bound(lost.question, lost.answer.bound, value, lost.problem.walk(nodes).value)
+
+
+def _certify_worst(
+    sets: list[FilterQuestion], problem: PosteriorProblem, nodes: np.ndarray, bound: float, by: str, gap: float
+) -> FilterSchedule:
+    """Return the record of a schedule (K,) under its worst loss and a bound."""
+    chosen = problem.options.chosen(nodes)
+    question = max(sets, key=lambda part: part.schedule_cost(chosen))
+    own = problem if problem.deadline.is_over else problem_of(question, problem.options, problem.deadline)
+    record = certify(question, own, own.walk(nodes), Answer(None, np.inf, by, is_exact=True), gap=gap)
+    bound = min(bound, record.value)
+    remaining = question.gap_between(record.value, bound)
+    return replace(record, bound=bound, gap=remaining, status=status_of_gap(remaining, gap))
+
+
+def _best_of_few(sets: list[FilterQuestion], problem: PosteriorProblem, deadline: Deadline) -> tuple[np.ndarray | None, str]:
+    """Return the nodes (K,) of the best of few schedules, None where they are not few, and what proves it."""
+    few = few_walks(problem.options, len(sets) * sets[0].path.steps)
+    best = best_of_few(problem.options, few, lambda chosen: max(part.schedule_cost(chosen) for part in sets), deadline)
+    return best, all_tried(few)
 
 
 def _search_each(sets: list[FilterQuestion], problem: PosteriorProblem, gap: float, starts: Sequence[np.ndarray]) -> list[LostSet]:

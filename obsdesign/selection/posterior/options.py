@@ -46,6 +46,10 @@ class Options:
         on = self._is_on.astype(float)
         return np.array([resource.usage @ on.T for resource in self.resources]).reshape(-1, *self.allowed.shape)
 
+    def switching_of(self, chosen: np.ndarray) -> float:
+        """Return what the switching-ons of a schedule (K, S) cost, whether it keeps the rules or not."""
+        return float((chosen & ~np.vstack([self.on_before, chosen[:-1]])).sum(axis=0) @ self.switching)
+
     @property
     def _is_on(self) -> np.ndarray:
         return self.patterns[self.pattern_of_node]
@@ -168,10 +172,3 @@ def _undominated_in_segment(patterns: np.ndarray, is_allowed: np.ndarray, is_ans
     kept = np.zeros(len(patterns), dtype=bool)
     kept[candidates[~is_dominated]] = True
     return kept
-
-
-def switching_of(options: Options, chosen: np.ndarray) -> float:
-    """Return what the switching-ons of a schedule (K, S) cost, whether it keeps the rules or not."""
-    before = np.zeros_like(chosen)
-    before[1:] = chosen[:-1]
-    return float((chosen & ~before).sum(axis=0) @ options.switching)

@@ -26,6 +26,7 @@ from obsdesign.trajectory import Trajectory
 
 UNKNOWN_SPREADS = (1e3 / 3, 1e4 / 3, 1e5 / 3, 1e6 / 3)  # no round numbers: what rounding does has to show
 """What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
+_FAR_APART = 1e100  # times a standard deviation at first: what may count as one unit at most, and one part of it at least
 _ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be
 
 
@@ -36,7 +37,7 @@ class FilterQuestion:
     nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on;
     unknown_spread: how many of the prior's deviations an unknown input moves some state by in a step, in place of any distance; floors
     (S,): what the mean error of a sensor within a segment never falls below, 0 = nothing, which counts where schedules are chosen;
-    unknown_error: the share of a cost by which that spread puts it wrong. notes: what is said of all this in the answer.
+    unknown_error: the share of a cost that rounding adds to it with that spread. notes: what is said of all this in the answer.
     """
 
     system: AbstractSystem
@@ -91,9 +92,9 @@ class FilterQuestion:
 
     def gap_between(self, value: float, bound: float) -> float:
         """Return how far a cost may be from the best: 1 - bound / value, or the difference of log dets."""
-        if not self.is_relative:
-            return value - bound
-        return 1 - bound / value if value else 0.0
+        if value == bound:
+            return 0.0
+        return 1 - bound / value if self.is_relative else value - bound
 
     def least_costs(self, may_be_on: np.ndarray) -> np.ndarray:
         """Return what no schedule is below in each segment (K,): the cost with all sensors on that may be (K, S)."""
@@ -200,7 +201,7 @@ def build_question(system: AbstractSystem, path: Trajectory, prior: Prior, setti
         raise InputError(f"criterion is {type(settings.criterion).__name__}: must be TraceInverse(), MinEigenvalue() or LogDet()")
     weights, is_worst = _weights(settings.over, path.steps)
     places = _places(names, settings.about)
-    costs = InstantCosts(settings.criterion, places, _scale(settings.scale, names)[places], weights, is_worst)
+    costs = InstantCosts(settings.criterion, places, _scale(settings.scale, names, prior)[places], weights, is_worst)
     question = FilterQuestion(
         system,
         path,
@@ -236,12 +237,17 @@ def _floors(floor: Mapping[str, float] | None, sensors: tuple[str, ...]) -> np.n
     return np.array([(floor or {}).get(name, 0.0) for name in sensors])
 
 
-def _scale(scale: ArrayLike | None, names: tuple[str, ...]) -> np.ndarray:
+def _scale(scale: ArrayLike | None, names: tuple[str, ...], prior: Prior) -> np.ndarray:
     if scale is None:
         return np.ones(len(names))
     values = as_array("scale", scale)
     if values.shape != (len(names),) or not (np.isfinite(values).all() and (values > 0).all()):
         raise InputError(f"scale is {values.tolist()}: must be {len(names)} finite numbers above 0, one per state ({', '.join(names)})")
+    ratio = prior.std / values
+    wrong = np.flatnonzero((ratio < 1 / _FAR_APART) | (ratio > _FAR_APART)) if len(ratio) == len(names) else ()
+    for i in wrong:
+        limits = f"{prior.std[i] / _FAR_APART:.3g} to {prior.std[i] * _FAR_APART:.3g}"
+        raise InputError(f"scale of {names[i]} is {values[i]:g}: must be from {limits}, or squares of what is known in it are no numbers")
     return values
 
 

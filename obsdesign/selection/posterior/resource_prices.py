@@ -100,5 +100,5 @@ def threshold(problem: PosteriorProblem, layers: list[WindowLayer]) -> float:
 
 def _can_keep_limits(problem: PosteriorProblem, layers: list[WindowLayer], level: float) -> bool:
     amounts = [np.where(layer.cost <= level, layer.amounts[1:], np.inf) for layer in layers]
-    smallest = minima_to(layers, amounts, np.add)[-1].min(axis=1)
+    smallest = minima_to(layers, amounts, np.add)[-1].min(axis=1, initial=np.inf)
     return bool((smallest <= problem.limits).all())
