@@ -105,9 +105,13 @@ class FilterQuestion:
         return np.repeat(chosen, np.diff(self.nodes), axis=0) & (self.arrivals > 0)
 
     def roots(self, chosen: np.ndarray) -> np.ndarray:
-        """Return R (N, n, n), R'R the information about x(t_k) after the samples at t_k of a schedule (K, S)."""
+        """Return R (N, n, n), R'R the information about x(t_k) after the samples at t_k of a schedule (K, S); 0 where numbers run away."""
         active = self.active(chosen).astype(float)
-        return posterior_roots(self.system, self.path, self.prior, self.disturbance, active)[:-1]
+        try:
+            return posterior_roots(self.system, self.path, self.prior, self.disturbance, active)[:-1]
+        except InputError:  # what is unstable was not seen for too long: nothing is known; derivatives were asked for with the model
+            n = self.path.x.shape[1]
+            return np.zeros((self.path.steps, n, n))
 
     def deviations(self, chosen: np.ndarray) -> np.ndarray:
         """Return the standard deviations (N, n) after the samples at t_k of a schedule (K, S); inf for what is hidden."""
