@@ -27,6 +27,7 @@ from obsdesign.report.sections._segment_traits import segment_traits, usage_in_w
 from obsdesign.report.sections.schedule import losses_table, usage_table
 from obsdesign.report.to_document import document_of
 from obsdesign.study.broken_rules import rule_violations
+from obsdesign.study.rated_schedules import FOR
 from obsdesign.study.runner import run, select_along
 
 FLOAT = """
@@ -361,6 +362,24 @@ def test_criterion_and_losses_of_sensors_are_those_of_the_scenario(tmp_path):
     page = page_of(study)
     assert "worst loss of any one sensor" in page
     assert "log det" in page
+
+
+def test_lost_sensors_count_for_the_filter_too(tmp_path):
+    """The cost that the study tells of its schedule, and of others, is that of the worst loss of one, by posterior_information."""
+    written_file = written(tmp_path, '[selection]\nquestion = "filter"\nper_segment = 2\nrobust_to = 1\ngap = 0.5')
+    scenario = od.load_scenario(written_file)
+    study = select_along(scenario, od.simulate(scenario.system, [0.0, 0.0, 0.0, 0.2, 0.1], np.full((30, 1), 0.1), 1.0))
+    answer, prior = study.selection.filter, scenario.prior_at_start
+    for rated in answer.rated:
+        worst = -np.inf
+        for lost in range(4):
+            active = np.repeat(rated.chosen, 30 // len(rated.chosen), axis=0)
+            active[:, lost] = False
+            J = od.posterior_information(scenario.system, study.main.path, prior, scenario.disturbance_psd, active=active)[:-1]
+            worst = max(worst, float(np.mean([np.trace(np.linalg.inv(each) / np.outer(prior.std, prior.std)) for each in J])))
+        assert rated.cost == pytest.approx(worst, rel=1e-6)
+    assert answer.schedule.value == pytest.approx(answer.find(FOR["filter"]).cost, rel=1e-9)
+    assert "worst loss of any one sensor" in page_of(study)
 
 
 # ---------------------------------------------------------------- the page

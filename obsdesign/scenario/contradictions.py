@@ -116,9 +116,6 @@ def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("selection", "per_segment"), f"is {per_segment}: must be at most the number of sensors, {sensors}")
     if len(naive) > per_segment:
         yield Problem(("selection", "naive"), f"is {', '.join(naive)}: must be at most per_segment sensors, {per_segment}")
-    if settings.question == "filter" and settings.robust_to:
-        message = f'is {settings.robust_to}: must be 0 with question = "filter"; only a schedule for the start knows of lost sensors'
-        yield Problem(("selection", "robust_to"), message)
     if settings.question == "filter" and not scenario.has_filter_schedule:
         message = f"is filter: with {per_segment} of {sensors} sensors on at a time there are too many sets of them; start is possible"
         yield Problem(("selection", "question"), message)

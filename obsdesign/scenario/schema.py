@@ -186,7 +186,7 @@ class SelectionTable(_ScenarioTable):
         description="min_eigenvalue, log_det or trace_inverse, of the information or of the filter's covariance; default: min_eigenvalue "
         "for the start, trace_inverse, the sum of the variances, for the filter",
     )
-    robust_to: int = Field(default=0, ge=0, description="how many sensors may be lost, whichever they are; only for the start")
+    robust_to: int = Field(default=0, ge=0, description="how many sensors may be lost, whichever they are: the worst loss counts")
     gap: float = Field(
         default=1e-9,
         ge=0,

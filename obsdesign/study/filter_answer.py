@@ -10,6 +10,7 @@ import numpy as np
 from obsdesign.scenario.schema import Scenario
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import select_for_filter
+from obsdesign.selection.posterior.lost_sensors import questions_without
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
 from obsdesign.selection.problem import SelectionProblem
 from obsdesign.study.broken_rules import rule_violations, switching_cost
@@ -37,7 +38,9 @@ def answer_for_filter(
         return None
     path, nodes = candidate.path, candidate.nodes
     schedule = _schedule_for_filter(scenario, path, nodes, seed)
-    rate = partial(_rate, scenario, _question(scenario, path, nodes), instance)
+    question = _question(scenario, path, nodes)
+    lost = questions_without(question, _robust_to(scenario)) if _robust_to(scenario) else []
+    rate = partial(_rate, scenario, (question, *lost), instance)
     ours = {FOR["filter"]: schedule.chosen} if schedule.status.has_answer else {}
     greedy = {other.name: other.chosen for other in schedule.compared if other.name == GREEDY}
     everything = {**ours, **others, **greedy, ALL_ON: np.ones(instance.shape, dtype=bool)}
@@ -65,6 +68,7 @@ def _schedule_for_filter(scenario: Scenario, path: Trajectory, nodes: np.ndarray
         criterion=scenario.filter_criterion,
         scale=prior.std,
         rules=scenario.rules_for("filter"),
+        robust_to=_robust_to(scenario),
         gap=scenario.filter_gap,
         seed=seed,
         throw=scenario.schedule_question == "filter",
@@ -86,8 +90,16 @@ def _question(scenario: Scenario, path: Trajectory, nodes: np.ndarray) -> Filter
     return build_question(scenario.system, path, scenario.prior_at_start, settings)
 
 
-def _rate(scenario: Scenario, question: FilterQuestion, instance: SelectionProblem, name: str, chosen: np.ndarray) -> RatedSchedule:
-    """Return a schedule (K, S) under both questions."""
-    cost = question.schedule_cost(chosen) + switching_cost(scenario.rules_for("filter"), question.segments, chosen)
+def _robust_to(scenario: Scenario) -> int:
+    """Return how many lost sensors the schedule for the filter is chosen for: none where the start is what is asked about."""
+    return scenario.selection.robust_to if scenario.schedule_question == "filter" else 0
+
+
+def _rate(
+    scenario: Scenario, questions: tuple[FilterQuestion, ...], instance: SelectionProblem, name: str, chosen: np.ndarray
+) -> RatedSchedule:
+    """Return a schedule (K, S) under both questions; questions: with all sensors, and without each set that may be lost."""
+    question = questions[0]
+    cost = max(part.schedule_cost(chosen) for part in questions) + switching_cost(scenario.rules_for("filter"), question.segments, chosen)
     broken = rule_violations(scenario.selection.rules, question.segments, chosen)
     return RatedSchedule(name, chosen, instance.value(chosen), cost, question.deviations(chosen), broken)

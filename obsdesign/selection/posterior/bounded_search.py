@@ -13,11 +13,11 @@ from obsdesign.selection.posterior.cost_slopes import cost_slopes
 from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, build_chain, prove, windows_of
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices
-from obsdesign.selection.posterior.trellis import follow_trellis
+from obsdesign.selection.posterior.trellis import follow_trellis, trellis_width
 from obsdesign.selection.posterior.windows import single_layers
 
 _MAX_TRELLIS = 4096  # partial schedules of a trellis
-_MAX_STEP_ENTRIES = 1_500_000  # numbers of the covariances that go on into a segment from partial schedules: no more of these are kept
+_FULL_STEP = 250.0  # `step_size` up to which a search may take all of its steps; less of larger ones
 _PRICE_FACTORS = (0.0, 0.5, 1.0, 1.5)  # times the best prices of limits: with which partial schedules are compared
 _EFFORT = WorkLimits(max_windows=60_000, max_simulated=1_500_000)
 _EFFORT_OF_BLOCK = WorkLimits(max_windows=20_000, max_simulated=300_000)
@@ -84,6 +84,7 @@ def _search_from(problem: PosteriorProblem, walk: Walk, gap: float, is_relative:
 
     if len(problem.ceilings) and problem.deadline.is_over:
         return Answer(walk, -np.inf, "nothing")
+    share *= min(1.0, _FULL_STEP / problem.step_size)
     if problem.segments <= _LONG:
         answer = prove_best(problem, walk, gap_at, _EFFORT.share(share))
     else:
@@ -208,8 +209,8 @@ def first_walk(problem: PosteriorProblem, share: float = 1.0) -> Walk | None:
     share: of the work that they may take.
     """
     nodes = len(problem.options.pattern_of_node)
-    width = max(1, int(share * _MAX_STEP_ENTRIES) // (nodes * len(problem.P0) ** 2))
     prices, hasty = trellis_prices(problem), replace(problem, deadline=problem.deadline.share(_OF_TRELLISES))
+    width = trellis_width(problem, share / len(prices))
     # short runs without limits: windows and refined states find better ones in the time
     deepest = 3 if len(problem.limits) else 1 if problem.segments <= _LONG else 2
     tried: list[np.ndarray] = []

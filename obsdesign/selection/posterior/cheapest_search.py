@@ -25,12 +25,12 @@ from obsdesign.selection.posterior.deepening import (
 )
 from obsdesign.selection.posterior.few_schedules import all_tried, few_walks
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
-from obsdesign.selection.posterior.trellis import best_by_key
+from obsdesign.selection.posterior.trellis import best_by_key, trellis_width
 from obsdesign.selection.posterior.windows import WindowLayer, single_layers
 
 _EFFORT = WorkLimits(max_windows=400_000, max_simulated=3_000_000)
+_FULL_STEP = 250.0  # `step_size` up to which all steps may be taken; less of larger ones
 _MAX_TRELLIS = 4096  # partial walks of a trellis
-_MAX_STEP_ENTRIES = 1_500_000  # numbers of the covariances that go on into a segment from partial walks: no more of these are kept
 _WORTH = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a unit of cost: what a factor e in the volume of an ellipsoid of errors is worth
 _SUM_ROUNDING = 1e-12  # of a sum of costs: what rounding may add to it
 _UNIT_ROUNDING = 1e-6  # of a unit: what rounding may add to a sum of costs
@@ -112,7 +112,11 @@ def _search_windows(problem: PosteriorProblem, target: Target) -> Cheapest:
 def _deeper(chain: Chain, limit: float, simulated: int) -> list[WindowLayer] | None:
     """Return windows of one choice more through which a walk may cost less than the limit; None where they are too many, or it is late."""
     chain = prune(chain, limit)
-    most = min(_EFFORT.max_windows, MAX_ENTRIES // len(chain.problem.P0) ** 2, _EFFORT.max_simulated - simulated)
+    most = min(
+        _EFFORT.max_windows,
+        MAX_ENTRIES // len(chain.problem.P0) ** 2,
+        _EFFORT.max_simulated * min(1.0, _FULL_STEP / chain.problem.step_size) - simulated,
+    )
     pairs = all_open_pairs(chain, limit, most)
     return None if pairs is None else extend_windows(chain, pairs)
 
@@ -130,7 +134,7 @@ def first_purchase(problem: PosteriorProblem, target: Target) -> Walk | None:
     """Return the cheapest walk of trellises that weigh cost against knowledge in several ways, until the deadline."""
     walk, nodes = None, len(problem.options.pattern_of_node)
     unit = 1.0 if problem.purchase is None else float(problem.purchase.on_costs.mean(axis=0).max())
-    width = max(1, _MAX_STEP_ENTRIES // (nodes * len(problem.P0) ** 2))
+    width = trellis_width(problem, 1 / len(_WORTH))
     for depth in (1, 2):
         if depth > 1 and nodes ** (depth + 1) > _MAX_TRELLIS:
             break

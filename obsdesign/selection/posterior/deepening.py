@@ -221,7 +221,7 @@ def windows_of(depth: int) -> str:
     return f"windows of {depth} segment{'s' if depth > 1 else ''}"
 
 
-def all_open_pairs(chain: Chain, limit: float, most: int) -> list[tuple[np.ndarray, np.ndarray]] | None:
+def all_open_pairs(chain: Chain, limit: float, most: float) -> list[tuple[np.ndarray, np.ndarray]] | None:
     """Return `open_pairs` of all layers but the first; None where there are more than so many, or it is late."""
     pairs, count = [], 0
     for k in range(1, len(chain.layers)):

@@ -56,6 +56,12 @@ class PosteriorProblem:
         """K."""
         return len(self.maps.instants)
 
+    @property
+    def step_size(self) -> float:
+        """How many numbers a step through a segment works on, about: n^2, once more for every eight samples."""
+        T, R, n, _ = self.maps.rows.shape
+        return n**2 * (1 + T * R / 8)
+
     @cached_property
     def ceilings(self) -> np.ndarray:
         """Covariances (K, n, n) before each segment that no schedule is below."""

@@ -8,6 +8,8 @@ import numpy as np
 
 from obsdesign.selection.posterior.problem import PosteriorProblem
 
+_MAX_ENTRIES = 1_500_000  # numbers of the covariances that go on into a segment from partial schedules
+_MAX_WORK = 120e6  # times `step_size`: steps of a trellis in all
 _TIE_BREAK = 1e-3  # of a segment's cost: where the largest counts, equals differ by what else they cost
 
 
@@ -92,6 +94,13 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, wi
         key = key[best]
         walks = PartialWalks(walks.node[best], walks.total[best], walks.largest[best], walks.usage[:, best], walks.P[:, :, best])
     return _backtrack(parents, choices, int(walks.value(problem.is_worst).argmin()))
+
+
+def trellis_width(problem: PosteriorProblem, share: float) -> int:
+    """Return how many partial schedules a trellis may keep with a share of the work of one."""
+    nodes = len(problem.options.pattern_of_node)
+    held = _MAX_ENTRIES / (nodes * len(problem.P0) ** 2)
+    return max(1, int(share * min(held, _MAX_WORK / (problem.segments * nodes * problem.step_size))))
 
 
 def first_by_key(key: np.ndarray, score: np.ndarray) -> np.ndarray:
