@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, init, log, run, schema, select
+from obsdesign.cli.verbs import check, export, init, log, run, schema, select
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
@@ -12,4 +12,5 @@ VERBS: tuple[Verb, ...] = (
     run.VERB,
     select.VERB,
     log.VERB,
+    export.VERB,
 )

@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 
 from obsdesign.report.number_format import plain
 from obsdesign.report.section import Section
-from obsdesign.report.sections import codesign, design, flight, observability, rating, schedule, summary, validation
+from obsdesign.report.sections import codesign, design, flight, observability, rating, schedule, summary, validation, way_points
 from obsdesign.report.sections.glossary import glossary
 from obsdesign.report.to_document import versions
 from obsdesign.study.record import Study
@@ -46,6 +46,10 @@ def _typeset(text: str) -> Markup:
 
 
 def _sections(study: Study) -> tuple[Section, ...]:
+    return (*_question_sections(study), *((way_points.section(study),) if study.way_points else ()))
+
+
+def _question_sections(study: Study) -> tuple[Section, ...]:
     can = (observability.section(study),) if study.designs or study.analyses else ()
     if not study.designs:
         return (*can, rating.section(study), *(section for path_study in study.each for section in _sections_along(path_study)))

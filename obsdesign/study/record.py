@@ -23,6 +23,7 @@ from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.sensor_loss import Loss
 from obsdesign.study.rated_schedules import FOR, FilterAnswer
+from obsdesign.study.thinned_path import ThinnedPath
 from obsdesign.trajectory import Trajectory
 
 CHOSEN = "chosen"  # the name of the schedule, as STRAIGHT and DESIGNED are those of paths
@@ -186,6 +187,8 @@ class Study(AbstractDisplay):
     """Studies of the other given paths."""
     notes: tuple[str, ...] = ()
     """What is to be said about the paths, in words."""
+    way_points: tuple[ThinnedPath, ...] = ()
+    """What way points cost, for each file that the path was written to with some of its points."""
 
     def _summary(self) -> Summary:
         schedule = self.selection.schedule

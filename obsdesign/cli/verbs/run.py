@@ -5,16 +5,21 @@ from __future__ import annotations
 import os
 import sys
 from argparse import Namespace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from obsdesign.cli.folders import require_writable, scenario_file
 from obsdesign.cli.verb import QUIET, SCENARIO, SEED, Argument, Outcome, Verb, out_argument, whole_number_type
+from obsdesign.cli.verbs.export import AUTOPILOT, EVERY, TOLERANCE, export_lines, formats_type
 from obsdesign.errors import ExitCode
 from obsdesign.interrupts import process_pool
 
 if TYPE_CHECKING:
+    from obsdesign.exchange.export_result import Export, ExportSettings
     from obsdesign.report.document import Result
+    from obsdesign.scenario.schema import Scenario
+    from obsdesign.study.record import Study
 
 
 def run_scenario(options: Namespace) -> Outcome:
@@ -25,6 +30,7 @@ def run_scenario(options: Namespace) -> Outcome:
     scenario = load_scenario(file)
     folder = options.out or Path("reports") / file.stem
     require_writable(folder)
+    settings = _export_settings(options, scenario)
 
     from rich.console import Console
 
@@ -36,10 +42,32 @@ def run_scenario(options: Namespace) -> Outcome:
     silent = options.quiet or not sys.stderr.isatty()
     with process_pool(options.jobs) as executor:
         study = run(scenario, options.seed, executor, None if silent else errors.print)
+    exports = _exports(options, settings, study, folder)
+    study = replace(study, way_points=tuple(done.thinned for done in exports if done.thinned is not None))
     result = write_report(folder, study)
-    shown = (summary_of(result), f"\nWritten to {folder}/: open report.html")
+    lines = tuple(line for done in exports for line in export_lines(done))
+    shown = (summary_of(result), f"\nWritten to {folder}/: open report.html", *lines)
     missed = _missed_expectations(result)
     return Outcome(result.model_dump(mode="json"), shown, missed, ExitCode.NO if missed else ExitCode.DONE)
+
+
+def _export_settings(options: Namespace, scenario: Scenario) -> ExportSettings | None:
+    """Return how the path is to be written, None where it is not; what cannot be is refused before any work is done."""
+    if not options.export:
+        return None
+    from obsdesign.exchange.export_result import ExportSettings, require_exportable
+
+    require_exportable(scenario, options.export)
+    return ExportSettings(options.tolerance, options.every, options.autopilot)
+
+
+def _exports(options: Namespace, settings: ExportSettings | None, study: Study, folder: Path) -> list[Export]:
+    """Write the path in the formats that were asked for."""
+    if settings is None:
+        return []
+    from obsdesign.exchange.export_result import export_study
+
+    return [export_study(study, word, folder, settings) for word in options.export]
 
 
 def _missed_expectations(result: Result) -> tuple[str, ...]:
@@ -59,12 +87,23 @@ JOBS = Argument(
     default=os.cpu_count() or 1,
     variable="NUMBER",
 )
+EXPORT = Argument("--export", "also write the path as ..., such as plan,kml; see export", formats_type, (), variable="FORMATS")
 FILES = "report.html, result.json, trajectory.csv, schedule.csv"
 VERB = Verb(
     name="run",
     what="answer the four questions of a scenario and write a page to look at",
     action=run_scenario,
     example="run my.toml --out reports/my",
-    arguments=(SCENARIO, out_argument(f"folder for {FILES} (default: reports/NAME)"), SEED, JOBS, QUIET),
+    arguments=(
+        SCENARIO,
+        out_argument(f"folder for {FILES} (default: reports/NAME)"),
+        SEED,
+        JOBS,
+        EXPORT,
+        TOLERANCE,
+        EVERY,
+        AUTOPILOT,
+        QUIET,
+    ),
     exits=(ExitCode.DONE, ExitCode.NO, ExitCode.SOLVER_FAILED),
 )
