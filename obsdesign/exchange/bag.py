@@ -74,6 +74,8 @@ class RosBag(AbstractFormat):
                 stamps, poses, about = _read(database)
         except (sqlite3.Error, sqlite3.Warning) as error:
             raise InputError(f"{stores[0].name}: {error}") from None
+        if not (np.abs(poses[:, 3:]) <= 2).all():
+            raise InputError("has a quaternion that is not of length 1")
         beside = read_about(about)
         start = int(beside.epoch.timestamp())
         x, y, z, w = poses[:, 3:].T

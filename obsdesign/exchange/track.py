@@ -16,6 +16,7 @@ from obsdesign.errors import InputError
 HEIGHT_REFERENCES = ("sea_level", "ellipsoid")
 UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ORIGIN_KEYS = ("latitude", "longitude", "altitude", "height_reference")
+_LARGEST = 1e12  # of a time [s], a position [m], a heading [rad]
 _KEY = "obsdesign"  # of the text that goes with a file
 
 
@@ -92,8 +93,8 @@ class Track:
     def __post_init__(self) -> None:
         for name in ("t", "position") if self.heading is None else ("t", "position", "heading"):
             values = as_array(f"path: {name}", getattr(self, name))
-            if not all_finite(values):
-                raise InputError(f"path: {name} has values that are not finite")
+            if not all_finite(values) or np.abs(values).max(initial=0.0) > _LARGEST:
+                raise InputError(f"path: {name} has values beyond {_LARGEST:g}, or that are not finite")
             object.__setattr__(self, name, values)
         count = len(self.t)
         fits = self.position.shape == (count, 3) and (self.heading is None or self.heading.shape == (count,))

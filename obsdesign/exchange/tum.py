@@ -55,9 +55,9 @@ class TumTrajectory(AbstractFormat):
             if len(row) != _COLUMNS:
                 raise InputError(f"row {number} has {len(row)} numbers: must have {_COLUMNS}, t x y z qx qy qz qw")
         values = np.array([[float(entry) for entry in row] for row in rows]).reshape(-1, _COLUMNS)
-        x, y, z, w = values[:, 4:].T
-        if not (np.abs(np.linalg.norm(values[:, 4:], axis=1) - 1) < 1e-3).all():
+        if np.abs(values[:, 4:]).max() > 2 or not (np.abs(np.linalg.norm(values[:, 4:], axis=1) - 1) < 1e-3).all():
             raise InputError("a quaternion is not of length 1")
+        x, y, z, w = values[:, 4:].T
         heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         beside = read_about(about)
         return Track(values[:, 0], values[:, 1:4], heading, beside.origin, beside.epoch, beside.sensors, file.stem)

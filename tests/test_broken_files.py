@@ -1,0 +1,162 @@
+"""Files that are broken, hostile or half written: one error that names them, nothing run, nothing written, nothing half there."""
+
+from __future__ import annotations
+
+import io
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import obsdesign as od
+from benchmarks.fuzz import cases, mutants, sample_track, tallies, tally
+from obsdesign.exchange.formats import FORMATS, format_of, read_track, write_track
+from obsdesign.exchange.track import Track
+from obsdesign.files import write_files
+
+CASES = cases()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_broken_file_is_read_or_refused_and_nothing_else(name):
+    read, place, content = CASES[name]
+    counts = tally(read, place, mutants(content, 150, seed=7))
+    assert counts.inputs == 150 and counts.refused > 0
+    assert (counts.faults, counts.hangs, counts.written) == ((), 0, 0)
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_broken_files_leave_no_traceback():
+    counts = tallies(100_000, seed=11)
+    assert sum(each.inputs for each in counts.values()) >= 100_000
+    assert {name: (each.faults, each.hangs, each.written) for name, each in counts.items()} == dict.fromkeys(counts, ((), 0, 0))
+
+
+@settings(max_examples=30, deadline=None)
+@given(data=st.binary(max_size=300), word=st.sampled_from(sorted(FORMATS)))
+def test_any_bytes_are_refused_by_name(data, word, tmp_path_factory):
+    file = tmp_path_factory.mktemp("any") / "odd"
+    file.write_bytes(data)
+    with pytest.raises(od.InputError, match="odd"):
+        read_track(file, word)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    points=st.lists(st.tuples(st.floats(-4e4, 4e4), st.floats(-4e4, 4e4), st.floats(-100, 5000)), min_size=2, max_size=8),
+    word=st.sampled_from(sorted(FORMATS)),
+)
+def test_any_path_comes_back(points, word, tmp_path_factory):
+    position = np.array(points)
+    if word in ("plan", "wpl"):  # a mission has no two way points at one place
+        position = position[np.append(True, np.abs(np.diff(position, axis=0)).max(axis=1) > 0.01)]
+    if len(position) < 2:
+        return
+    track = Track(np.arange(len(position)) * 1.5, position, origin=sample_track().origin)
+    again = read_track(write_track(track, word, tmp_path_factory.mktemp("any") / f"x{format_of(word).suffix}", "ardupilot")[0])
+    np.testing.assert_allclose(again.position, position, atol=max(format_of(word).precision.position, 1e-9))
+
+
+# ---------------------------------------------------------------- what a hostile file would do
+
+
+@pytest.mark.parametrize("word", ["kml", "gpx"])
+def test_document_types_and_entities_are_refused(word, tmp_path):
+    for declared in ('<!DOCTYPE a [<!ENTITY b "c">]>', '<!DOCTYPE a SYSTEM "file:///nowhere">'):
+        (tmp_path / "odd").write_text(f"<?xml version='1.0'?>{declared}<a>x</a>")
+        with pytest.raises(od.InputError, match="declares a document type or entities: must be plain XML"):
+            read_track(tmp_path / "odd", word)
+
+
+def test_archives_of_pickles_or_of_more_than_they_hold_are_refused(tmp_path):
+    np.savez(tmp_path / "pickled.npz", t=np.array([None, 1], dtype=object), position=np.zeros((2, 3)))
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (10**13,)})
+    with zipfile.ZipFile(tmp_path / "long.npz", "w") as archive:
+        archive.writestr("t.npy", head.getvalue())
+    with zipfile.ZipFile(tmp_path / "packed.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("t.npy", bytes(1000))
+        archive.infolist()[0].file_size = 2**40  # what its directory says
+    for name in ("pickled", "long", "packed"):
+        start = time.process_time()
+        with pytest.raises(od.InputError, match=name):
+            read_track(tmp_path / f"{name}.npz")
+        assert time.process_time() - start < 1
+
+
+def test_a_bag_with_views_or_a_question_without_end_is_refused(tmp_path):
+    folder = write_track(sample_track(), "bag", tmp_path / "x_bag")[0]
+    (file,) = folder.glob("*.db3")
+    with sqlite3.connect(file) as database:
+        database.execute("CREATE VIEW endless AS WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i FROM n) SELECT i FROM n")
+    with pytest.raises(od.InputError, match="endless is no plain table"):
+        read_track(folder)
+
+
+# ---------------------------------------------------------------- writing
+
+
+def test_a_target_that_cannot_be_written_is_one_message_and_leaves_what_was(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(od.InputError, match="cannot be written"):
+        write_track(sample_track(), "kml", tmp_path / "file" / "x.kml")
+    assert [each.name for each in tmp_path.iterdir()] == ["file"] and (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("word", FORMATS)
+def test_writing_again_replaces_the_whole(word, tmp_path):
+    target = tmp_path / f"x{format_of(word).suffix}"
+    for points in (30, 12):
+        write_track(sample_track(points), word, target)
+    assert len(read_track(target).t) == 12
+    assert not list(tmp_path.glob(".partial-*"))
+
+
+def test_a_process_that_is_killed_leaves_no_half_file(tmp_path):
+    """Killed at many moments: the target is the old file or the new one."""
+    code = (
+        "from benchmarks.fuzz import sample_track\nfrom obsdesign.exchange.formats import write_track\nfrom pathlib import Path\n"
+        "a, b = sample_track(3000), sample_track(5000)\nprint('ready', flush=True)\n"
+        "while True:\n for each in (a, b):\n  write_track(each, 'tum', Path('x.tum'))\n"
+    )
+    for delay in (0.02, 0.11, 0.23):
+        with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None and process.stdout.readline() == "ready\n"
+            time.sleep(delay)
+            process.send_signal(signal.SIGKILL)
+        if (tmp_path / "x.tum").exists():
+            assert len(read_track(tmp_path / "x.tum").t) in (3000, 5000)
+
+
+def test_two_that_write_into_one_folder_leave_whole_files(tmp_path):
+    """Whoever is last, each file is of one of them."""
+
+    def write(letter: str) -> None:
+        for _ in range(20):
+            write_files(tmp_path, dict.fromkeys(("a.json", "b.json"), letter * 50000))
+
+    threads = [threading.Thread(target=write, args=(letter,)) for letter in "xy"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.json", "b.json"]
+    for file in tmp_path.iterdir():
+        assert file.read_text() in ("x" * 50_000, "y" * 50_000)
+
+
+def test_files_that_are_too_large_are_refused_before_they_are_read(tmp_path):
+    file: Path = tmp_path / "large.kml"
+    with file.open("wb") as sparse:
+        sparse.truncate(2**30)
+    with pytest.raises(od.InputError, match="must be at most"):
+        read_track(file)
