@@ -144,7 +144,7 @@ def _as_bag(folder: Path, data: bytes) -> Path:
 def sample_track(points: int = 12) -> Track:
     """Return a short valid path with everything that a file may hold."""
     t = np.arange(points) * 0.5
-    position = np.column_stack([10 * t, np.sin(t), np.full(points, 50.0)])
+    position = np.column_stack([10 * np.minimum(t, 6000.0), np.sin(t), np.full(points, 50.0)])
     sensors = SensorTimes(("gps", "range"), np.array([0.0, 2.0, 5.5]), np.array([[1, 0], [0, 1]]))
     return Track(t, position, 0.1 * t, GeodeticOrigin(47.4, 8.5, 488.0), datetime(2026, 12, 1, tzinfo=UTC), sensors, "path", 20.0)
 

@@ -137,6 +137,30 @@ def test_a_process_that_is_killed_leaves_no_half_file(tmp_path):
             assert len(read_track(tmp_path / "x.tum").t) in (3000, 5000)
 
 
+FULL = """
+import resource, sys
+from pathlib import Path
+import obsdesign as od
+from benchmarks.fuzz import sample_track
+from obsdesign.exchange.formats import FORMATS, format_of, write_track
+track = sample_track(2000)
+write_track(sample_track(), "bag", Path("warm_bag"))
+resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
+for word in FORMATS:
+    try:
+        write_track(track, word, Path(f"x{format_of(word).suffix}"))
+    except od.InputError as error:
+        print(word, "cannot be written" in str(error))
+"""
+
+
+def test_a_disk_that_is_full_is_one_message_and_nothing_is_left(tmp_path):
+    """No file may grow beyond 6 kB: what a full disk does to whoever writes."""
+    done = subprocess.run([sys.executable, "-c", FULL], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.stderr, done.stdout.split()) == ("", [part for word in FORMATS for part in (word, "True")])
+    assert [file.name for file in tmp_path.iterdir()] == ["warm_bag"]
+
+
 def test_two_that_write_into_one_folder_leave_whole_files(tmp_path):
     """Whoever is last, each file is of one of them."""
 

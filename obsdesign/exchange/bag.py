@@ -56,11 +56,14 @@ class RosBag(AbstractFormat):
             raise MissingPackageError("writing a bag needs rosbags: pip install 'obsdesign[ros]'") from None
         store, stamps = get_typestore(Stores.ROS2_HUMBLE), _stamps(track)
         poses = _poses(track, stamps)
-        with Writer(target, version=9) as bag:
-            for topic, kind, messages in _messages(store, track, stamps, poses):
-                connection = bag.add_connection(topic, kind, typestore=store)
-                for stamp, data in messages:
-                    bag.write(connection, stamp, data)
+        try:
+            with Writer(target, version=9) as bag:
+                for topic, kind, messages in _messages(store, track, stamps, poses):
+                    connection = bag.add_connection(topic, kind, typestore=store)
+                    for stamp, data in messages:
+                        bag.write(connection, stamp, data)
+        except sqlite3.Error as error:  # a full disk, too
+            raise InputError(f"{target.name}: cannot be written: {error}") from None
 
     def parse(self, file: Path) -> Track:
         """Return the poses of topic /pose, or of the only topic of that kind; the bag must be stored as SQLite, not packed."""
