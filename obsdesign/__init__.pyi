@@ -57,6 +57,8 @@ from .estimation.log_run import path_of_estimate as path_of_estimate
 from .estimation.unscented_kalman_filter import UnscentedKalmanFilter as UnscentedKalmanFilter
 from .estimation.validation import Validation as Validation
 from .estimation.validation import validate as validate
+from .exchange.export_result import Export as Export
+from .exchange.export_result import export as export
 from .information.accumulation import batch_information as batch_information
 from .information.accumulation import segment_information as segment_information
 from .information.blocks import Information as Information
@@ -131,6 +133,7 @@ from .signals import Signal as Signal
 from .status import Status as Status
 from .study.record import Study as Study
 from .study.runner import run as run
+from .study.thinned_path import ThinnedPath as ThinnedPath
 from .trajectory import Trajectory as Trajectory
 from .vehicles.dubins import Dubins as Dubins
 from .vehicles.omnidirectional import Omnidirectional as Omnidirectional

@@ -80,6 +80,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "estimate_states": {"system": SYSTEM, "prior": PRIOR, "u": U, "y": np.ones((8, 3)), "dt": 0.5},
     "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},
+    "export": {"result": "nowhere", "to": "kml"},
     "load_scenario": {"file": SCENARIO},
     "read_log": {"file": "no_such.csv", "system": SYSTEM},
     "read_recording": {"file": "no_such.csv"},
@@ -163,6 +164,7 @@ RETURNED = (
         "Design",
         "Estimate",
         "Evidence",
+        "Export",
         "FilterSchedule",
         "Flight",
         "InputError",
@@ -186,7 +188,7 @@ RETURNED = (
         "Violation",
         "ViolationKind",
     ),
-    *("Study", "UnobservableError", "Validation", "Verdict", "figures"),
+    *("Study", "ThinnedPath", "UnobservableError", "Validation", "Verdict", "figures"),
 )
 
 

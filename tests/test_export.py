@@ -17,7 +17,7 @@ from test_select_verb import FLOAT
 import obsdesign as od
 from obsdesign.cli.parser import build_parser
 from obsdesign.cli.table import VERBS
-from obsdesign.exchange.export_result import ExportSettings, export, track_of
+from obsdesign.exchange.export_result import export, track_of
 from obsdesign.exchange.formats import FORMATS, format_of, read_track
 from obsdesign.exchange.words import FORMAT_WORDS, MISSION_WORDS
 from obsdesign.report.folder import write_report
@@ -173,7 +173,7 @@ def test_every_format_is_made_of_a_result(result, study, word, tmp_path):
 
 
 def test_the_page_says_what_way_points_cost(study, result, tmp_path):
-    thinned = export(result, "plan", tmp_path / "x.plan", ExportSettings(tolerance=3.0, autopilot="ardupilot")).thinned
+    thinned = export(result, "plan", tmp_path / "x.plan", tolerance=3.0, autopilot="ardupilot").thinned
     page = page_of(replace(study, way_points=(thinned,)))
     assert "As way points?" in page and "within 3 m, ardupilot" in page
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError
 from obsdesign.exchange.abstract import read_text
 from obsdesign.exchange.formats import format_of, write_track
@@ -27,12 +29,16 @@ WAY_POINT_TOLERANCE = 2.0  # [m] that the way points of missions keep to the pat
 
 @dataclass(frozen=True)
 class Export:
-    """What was written; thinned: what the way points cost where points were left out, None where all are there or nothing flies them."""
+    """What was written of a result's path, and what leaving points out of it costs."""
 
     files: tuple[Path, ...]
+    """The file, or the folder of a bag; beside a mission the table of its sensors."""
     points: int
+    """How many points it has."""
     thinned: ThinnedPath | None
+    """What the way points cost where points were left out; None where all are there, or where nothing could fly them."""
     notes: tuple[str, ...] = ()
+    """What is to be said about it, in words."""
 
 
 @dataclass(frozen=True)
@@ -60,20 +66,35 @@ class ExportSettings:
         return Thinning(self.tolerance if is_told else WAY_POINT_TOLERANCE, self.every)
 
 
-def export(result: Path, to: str, out: Path | None = None, settings: ExportSettings = ExportSettings()) -> Export:  # frozen
-    """Write the path and the schedule of a result's folder in another format.
+@validate_arguments
+def export(
+    result: str | Path,
+    to: str,
+    out: str | Path | None = None,
+    *,
+    tolerance: float | None = None,
+    every: float | None = None,
+    autopilot: Autopilot = "px4",
+    switches: Mapping[str, int] | None = None,
+) -> Export:
+    """Write the path and the schedule of a result's folder in a format of autopilots and planners.
 
     Arguments:
         result: folder that a run wrote: its question.toml, trajectory.csv and schedule.csv are read.
         to: plan, wpl, kml, gpx, geojson, czml, tum, bag, csv or npz.
         out: file, for a bag folder, to write; None = path with the format's ending in the result's folder.
-        settings: which points, and for whom.
+        tolerance: points are left out as long as the path stays within so many metres of the rest; None = 2 m for missions, else all stay.
+        every: the first point of every so many seconds [s] instead.
+        autopilot: whose items a mission has, and whose guidance flies the way points to see what leaving points out costs.
+        switches: sensor -> number of the relay of ArduPilot, or the actuator of PX4, that a mission switches as the schedule says.
     Raises InputError for a folder or a format that is none, for what the format cannot hold, and for a target that cannot be written.
     """
-    scenario = load_scenario_of_path(_part(result, "question.toml"))
-    path = read_trajectory_csv(scenario.system, _part(result, "trajectory.csv")).path
-    sensors = _read_schedule(_part(result, "schedule.csv"))
-    target = result / f"path{format_of(to).suffix}" if out is None else out
+    settings = ExportSettings(tolerance, every, autopilot, tuple((switches or {}).items()))
+    folder, kind = Path(result), format_of(to)
+    scenario = load_scenario_of_path(_part(folder, "question.toml"))
+    path = read_trajectory_csv(scenario.system, _part(folder, "trajectory.csv")).path
+    sensors = _read_schedule(_part(folder, "schedule.csv"))
+    target = folder / f"path{kind.suffix}" if out is None else Path(out)
     return export_path(scenario, path, sensors, to, target, settings)
 
 

@@ -15,27 +15,34 @@ Autopilot = Literal["px4", "ardupilot"]
 
 @dataclass(frozen=True, eq=False)
 class ThinnedPath:
-    """A path given as way points, and flown through them as an autopilot does.
-
-    points: indices of the M nodes that are way points; of: how many nodes there are; tolerance [m] or every [s]: how they were taken.
-    deviation: farthest that the flown path is from the given one [m]; durations: given and flown [s]; reached: whether the last way
-    point was. smallest_eigenvalue: lambda_min of S W S, all sensors on, given and flown; std: of what the filter knows at the end with the
-    schedule, (2, n), given and flown, in units of the states; broken: limits that the flown path breaks and the given one keeps.
-    """
+    """A path given as way points, and what it costs to fly through them as an autopilot does."""
 
     points: tuple[int, ...]
+    """Indices of the M nodes of the path that are way points."""
     of: int
+    """How many nodes the path has."""
     tolerance: float | None
+    """How near the path stays to its way points [m]; None where they were taken by time."""
     every: float | None
+    """One way point every so many seconds [s]; None where they were taken by tolerance."""
     autopilot: Autopilot
+    """Whose guidance flew."""
     deviation: float
+    """Farthest that the flown path is from the given one [m]."""
     durations: tuple[float, float]
+    """Of the path and of the flight [s]."""
     reached: bool
+    """Whether the last way point was reached."""
     smallest_eigenvalue: tuple[float, float]
+    """lambda_min of S W S, all sensors on, of the path and of the flight; no unit."""
     states: tuple[str, ...]
+    """Names of the n states."""
     units: tuple[str, ...]
+    """Their units."""
     std: np.ndarray
+    """Standard deviations (2, n) of the filter at the end with the schedule, of the path and of the flight, in units of the states."""
     broken: tuple[str, ...]
+    """Limits that the flight breaks and the path keeps, in words."""
 
     @property
     def in_words(self) -> str:

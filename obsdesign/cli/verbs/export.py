@@ -18,10 +18,17 @@ if TYPE_CHECKING:
 
 def export_result(options: Namespace) -> Outcome:
     """Write a result's path and schedule in another format, and tell what leaving points out costs."""
-    from obsdesign.exchange.export_result import ExportSettings, export
+    from obsdesign.exchange.export_result import export
 
-    settings = ExportSettings(options.tolerance, options.every, options.autopilot, options.switches)
-    done = export(options.result, options.to, options.out, settings)
+    done = export(
+        options.result,
+        options.to,
+        options.out,
+        tolerance=options.tolerance,
+        every=options.every,
+        autopilot=options.autopilot,
+        switches=dict(options.switches),
+    )
     return Outcome(export_document(done), export_lines(done))
 
 
