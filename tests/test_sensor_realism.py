@@ -15,6 +15,7 @@ from scipy.linalg import toeplitz
 
 import obsdesign as od
 from obsdesign.design.nlp.program import Program
+from obsdesign.dynamics.measurement_noise import detections
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import _draws, _MonteCarloTask
 from obsdesign.sensors.abstract import AbstractSensor
@@ -535,7 +536,7 @@ def test_no_limits_are_the_default_and_cost_nothing(make: Beacon):
     assert hash(plain) == hash(spelled)
     assert {field.name for field in dataclasses.fields(plain)} == {
         *("beacon", "sigma", "sigma_per_metre", "max_range", "field_of_view"),
-        *("rate", "inflation", "bias_floor", "correlation", "name", "height", "lever_arm"),
+        *("rate", "inflation", "bias_floor", "correlation", "name", "height", "lever_arm", "detection"),
         *(("mounting_angle",) if make is od.Bearing else ()),
     }
 
@@ -612,3 +613,43 @@ def test_what_a_beacon_sensor_is_told_is_looked_at():
             od.Range(BEACON, 1.0, **wrong)  # type: ignore[arg-type]
     with pytest.raises(od.InputError, match=r"range_bearing: bearing_sigma is 0\.0: must be a finite number above 0"):
         od.RangeBearing(BEACON, 1.0, bearing_sigma=0.0)
+
+
+# ---------------------------------------------------------------- detection
+
+
+def test_a_share_of_detections_is_a_share_of_the_information():
+    """Of white noise, whatever else limits the samples; blocks of other sensors stay as they are."""
+    near: dict[str, object] = {"beacon": (30.0, 20.0), "sigma": 0.5, "max_range": 40.0}
+    systems = [od.System(od.Unicycle(), (od.GPS(1.0), od.Range(**near, detection=share))) for share in (1.0, 0.3)]  # type: ignore[arg-type]
+    path = od.simulate(systems[0], (0.0, 0.0, 0.2), np.tile([2.0, 0.1], (20, 1)), 0.5)
+    always, sometimes = (od.variational_gramian(system, path).blocks for system in systems)
+    np.testing.assert_allclose(sometimes[:, 1], 0.3 * always[:, 1], rtol=1e-12)
+    np.testing.assert_array_equal(sometimes[:, 0], always[:, 0])
+
+
+def test_detections_are_drawn():
+    """At t_0 a share of 0.3 of the runs has a fix of 1 cm, the others the prior's 10 m: the mean square is 70 m^2, a binomial share."""
+    system = od.System(od.Unicycle(), (od.GPS(0.01, detection=0.3),))
+    path = od.simulate(system, (0.0, 0.0, 0.0), np.zeros((4, 2)), 0.5)
+    runs = 2000
+    check = od.validate(system, path, prior=od.Prior(path.x[0], std=(10.0, 10.0, 0.1)), runs=runs)
+    for k in range(4):
+        missed = 0.7 ** (k + 1)
+        spread = 5 * np.sqrt((3 * missed - missed**2) / runs)  # a square of fourth moment 3 with a chance of `missed`
+        np.testing.assert_allclose(check.rmse[k, :2] ** 2 / 100.0, missed, atol=spread)
+    np.testing.assert_allclose(check.nees, 3.0, atol=5 * np.sqrt(2 * 3 / runs))
+
+
+def test_a_sensor_that_always_detects_draws_nothing():
+    """The same seed gives the same flights as before there were detections."""
+    random = np.random.default_rng(1)
+    model = od.System(od.Unicycle(), (od.GPS(1.0),)).model
+    assert detections(model, random, 5).all()
+    assert random.random() == np.random.default_rng(1).random()
+
+
+@pytest.mark.parametrize("value", [0.0, 1.5])
+def test_a_share_of_detections_is_a_share(value: float):
+    with pytest.raises(od.InputError, match=f"gps: detection is {value!r}: must be"):
+        od.GPS(1.0, detection=value)

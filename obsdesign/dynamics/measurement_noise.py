@@ -9,7 +9,7 @@ import numpy as np
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.simulation import Readings
 
-GATE_THRESHOLD = 0.5  # a simulated sample arrives where the sensor's gate is wider than this at the true state
+_GATE_THRESHOLD = 0.5  # a simulated sample may arrive where the sensor's gate is wider than this at the true state
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,3 +59,15 @@ def _correlate(white: np.ndarray, correlation: float, previous: float | None) ->
     innovations = np.concatenate([white[:1] / gain, white[1:]]) if previous is None else white
     errors, _ = lfilter([gain], [1.0, -correlation], innovations, zi=[correlation * (previous or 0.0)])
     return np.asarray(errors)
+
+
+def detections(model: Model, random: np.random.Generator, steps: int) -> np.ndarray:
+    """Draw which outputs (N, q) are detected, those of a sensor together; nothing is drawn where all sensors detect always."""
+    shares = np.array([channel.noise.detection for channel in model.channels])
+    is_detected = random.random((steps, len(shares))) < shares if (shares < 1).any() else np.ones((steps, len(shares)), dtype=bool)
+    return is_detected[:, list(model.output_owner)]
+
+
+def is_in_sight(model: Model, gate: np.ndarray) -> np.ndarray:
+    """Return where a gate (..., q), the share of samples that arrive, has nothing in the way but chance."""
+    return gate > _GATE_THRESHOLD * np.array([model.channels[sensor].noise.detection for sensor in model.output_owner])

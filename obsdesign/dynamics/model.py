@@ -24,7 +24,7 @@ class Noise:
     spread: SX (1, 1) of the state, the standard deviation of one sample of each output, or (q, 1) where outputs differ;
     correlation phi in [0, 1): z_0 ~ N(0, 1), z_k = phi z_k-1 + (1 - phi^2)^1/2 white_k from one sample of the sensor to the next,
     for each output its own; bias: standard deviation of the constant error, for each output its own; inflation: factor on spread
-    of whoever estimates; gate: SX (1, 1), the share of samples that arrive.
+    of whoever estimates; gate: SX (1, 1), the share of samples that arrive, detection that of those with nothing in the way.
     """
 
     spread: ca.SX
@@ -32,6 +32,7 @@ class Noise:
     inflation: float = 1.0
     bias: float = 0.0
     correlation: float = 0.0
+    detection: float = 1.0
 
     @property
     def is_white(self) -> bool:

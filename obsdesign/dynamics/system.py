@@ -111,7 +111,8 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
         if spread.shape not in {(1, 1), (len(sensor.outputs), 1)}:
             raise InputError(f"sensor {name!r}: spread has shape {spread.shape}: must be one number, or one for each of its outputs")
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
-        noise = Noise(_spread_of(system, name, spread), gate, sensor.inflation, sensor.bias_floor, sensor.correlation)
+        spread, gate = _spread_of(system, name, spread), gate if sensor.detection == 1 else sensor.detection * gate
+        noise = Noise(spread, gate, sensor.inflation, sensor.bias_floor, sensor.correlation, sensor.detection)
         yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)
 
 

@@ -16,7 +16,7 @@ from obsdesign.blas_threads import one_thread
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import as_array, require_count
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number
-from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
+from obsdesign.dynamics.measurement_noise import MeasurementNoise, detections, is_in_sight, measurement_noise
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.per_step import system_along
 from obsdesign.dynamics.simulation import inputs_along, readings, states_from, substeps_along
@@ -219,7 +219,7 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     """Return sums of squared errors (N+1, n) and NEES (N+1, R) of one chunk of runs."""
     system, path, model = task.system, task.path, task.system.model
     draws = [_draws(task, run) for run in task.runs]
-    initial_errors, process_noise, varying, constant = (np.stack(parts) for parts in zip(*draws, strict=True))
+    initial_errors, process_noise, varying, constant, is_detected = (np.stack(parts) for parts in zip(*draws, strict=True))
     substeps, (u, w) = substeps_along(system, path), inputs_along(system, path)
     if task.remainder is None:
         starts = np.tile(path.x[0], (len(task.runs), 1))
@@ -228,8 +228,7 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
         truth, told = path.x[None], process_noise + task.remainder
     path_readings = readings(system, truth[:, :-1])
     y = MeasurementNoise(varying, constant).added_to(path_readings)
-    active = task.active[:, list(model.output_owner)] & (path_readings.gate > GATE_THRESHOLD)
-    active = np.broadcast_to(active, y.shape)
+    active = task.active[:, list(model.output_owner)] & is_in_sight(model, path_readings.gate) & is_detected
     bank = FilterBank(system, path.pace, task.noise @ task.noise.T, substeps, estimator=task.estimator)
     initial = Belief(path.x[0] + initial_errors, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
     belief = bank.run(initial, u, y.swapaxes(0, 1), active.swapaxes(0, 1), told)
@@ -239,8 +238,11 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     return np.sum(errors**2, axis=1), np.einsum("kri,kri->kr", errors, weighted)
 
 
-def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Initial error (n,), process noise (N, n), varying (N, q) and constant (q,) errors of the samples, from a stream of its own."""
+def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Initial error (n,), process noise (N, n), varying (N, q) and constant (q,) errors of the samples, and which are detected (N, q).
+
+    From a stream of the run's own.
+    """
     random = np.random.default_rng([task.seed, run])
     model, path = task.system.model, task.path
     initial_error = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(path.x.shape[1])
@@ -250,7 +252,7 @@ def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.
     white = random.standard_normal((path.steps, len(model.outputs)))
     is_sampled = sampling_mask(task.system, path.steps, path.pace)[:, list(model.output_owner)]
     noise = measurement_noise(model, white, random.standard_normal(white.shape[1]), is_sampled)
-    return initial_error, process_noise, noise.varying, noise.constant
+    return initial_error, process_noise, noise.varying, noise.constant, detections(model, random, path.steps)
 
 
 def _assess_consistency(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:

@@ -16,7 +16,7 @@ from obsdesign.constraints.abstract import ALWAYS
 from obsdesign.design.feasibility import least_margins_at_nodes
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, number, state_picture
-from obsdesign.dynamics.measurement_noise import GATE_THRESHOLD, MeasurementNoise, measurement_noise
+from obsdesign.dynamics.measurement_noise import MeasurementNoise, detections, is_in_sight, measurement_noise
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.errors import InputError
 from obsdesign.estimation.filter_bank import Belief, FilterBank
@@ -181,6 +181,7 @@ def _draw_realisation(
     white_before, white_constant, *white = random.standard_normal((steps + 2, len(model.outputs)))
     is_sampled = sampling_mask(problem.system, steps, problem.step)[:, list(model.output_owner)]
     noise = measurement_noise(model, np.array(white), white_constant, is_sampled, white_before)
+    is_sampled = is_sampled & detections(model, random, steps)
     return _Realisation(random_start if start is None else start, process_noise, noise, is_sampled)
 
 
@@ -218,7 +219,8 @@ def _measurement_update(simulation: _Simulation, belief: Belief, truth: np.ndarr
     """Take in the samples at the k-th instant."""
     reading = readings(simulation.problem.system, truth[None, None])
     y = simulation.realisation.sample_noise.at(k).added_to(reading)[0]
-    return simulation.estimator.update(belief, y, simulation.realisation.is_sampled[k] & (reading.gate[0, 0] > GATE_THRESHOLD))
+    is_there = simulation.realisation.is_sampled[k] & is_in_sight(simulation.problem.system.model, reading.gate[0, 0])
+    return simulation.estimator.update(belief, y, is_there)
 
 
 def _summarise(simulation: _Simulation, truth: np.ndarray, beliefs: list[Belief], u: np.ndarray) -> Flight:

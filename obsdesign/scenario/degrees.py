@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 SUFFIX = "_deg"
 _SPREADS = ("sigma", "bias_floor", "sigma_per_metre")  # in the unit of what a sensor measures
-_NOT_IN_SENSOR_UNIT = ("rate", "inflation", "correlation", "max_range", "beacon", "height", "lever_arm")  # of a sensor
+_NOT_IN_SENSOR_UNIT = ("rate", "inflation", "correlation", "detection", "max_range", "beacon", "height", "lever_arm")  # of a sensor
 _NO_ANGLES = ("vehicle", "time", "path", "prices", "budgets", "floor", "robust", "flight", "validation", "selection")
 
 

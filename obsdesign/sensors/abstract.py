@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_positive, require_within
+from obsdesign.errors import InputError
 from obsdesign.signals import Point, Signal
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ class AbstractSensor(ABC):
     """Standard deviation of a constant error of each output, in its unit; >= 0."""
     correlation: float = 0.0
     """Correlation of the noise of successive samples, in [0, 1)."""
+    detection: float = 1.0
+    """Share of the samples that arrive where nothing is in the way, in (0, 1]: information counts with it, simulations draw it."""
     name: str = "sensor"
     """What reports, schedules and rules call the sensor."""
 
@@ -42,6 +45,9 @@ class AbstractSensor(ABC):
         require_positive(f"{self.name}: inflation", self.inflation)
         require_within(f"{self.name}: bias_floor", self.bias_floor)
         require_within(f"{self.name}: correlation", self.correlation, below=1.0)
+        require_positive(f"{self.name}: detection", self.detection)
+        if self.detection > 1:
+            raise InputError(f"{self.name}: detection is {self.detection!r}: must be at most 1")
 
     @property
     @abstractmethod
