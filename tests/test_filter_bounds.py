@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from test_filter_schedules import random_instance
 
 from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_ceilings, relaxation_of_windows
-from obsdesign.selection.posterior.blocks import bound_by_blocks
+from obsdesign.selection.posterior.blocks import BlockLengths, blocks, bound_by_blocks
 from obsdesign.selection.posterior.bounded_search import first_walk, prove_best
 from obsdesign.selection.posterior.ceiling import meet, meet_of_groups
 from obsdesign.selection.posterior.clusters import cluster
@@ -133,11 +133,23 @@ def test_no_bound_is_above_the_best_of_all(seed: int) -> None:
         _check_states(case, walk.value + margin)
     alone = prove_best(problem, walk, lambda _: 0.0, WorkLimits(0, 0))
     assert case.is_below(alone.bound) and alone.bound_by == "windows of 1 segment"
-    for length, before in ((1, 0), (2, 1), (3, 4)):
+    for length, before, ramp in ((1, 0, 0), (2, 1, 1), (3, 4, 1), (4, 1, 2)):
         effort = WorkLimits(int(random.integers(50)), int(random.integers(20_000)))
-        better, bound = bound_by_blocks(problem, walk, length, before, lambda part, own, e=effort: _answer(part, own, e))
+        lengths = BlockLengths(length, before, ramp)
+        better, bound = bound_by_blocks(problem, walk, lengths, lambda part, _, own, e=effort: _answer(part, own, e))
         assert case.is_below(bound)
         assert case.best * (1 - np.sign(case.best) * _ROUNDING) - 1e-12 <= better.value <= walk.value
+
+
+@given(st.integers(1, 60), st.integers(1, 20), st.integers(0, 5), st.integers(0, 6))
+@settings(max_examples=100, deadline=None)
+def test_shares_of_blocks_add_up_to_one(segments: int, length: int, before: int, ramp: int) -> None:
+    """Each segment of the run counts once in all, however long blocks are and however far they go over into each other."""
+    total = np.zeros(segments)
+    for first, weights in blocks(segments, BlockLengths(length, before, ramp)):
+        assert (weights >= 0).all()
+        total[first : first + len(weights)] += weights
+    assert total == pytest.approx(np.ones(segments), abs=1e-12)
 
 
 def _answer(part: PosteriorProblem, own: Walk, effort: WorkLimits) -> tuple[Walk, float]:

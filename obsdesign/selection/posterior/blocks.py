@@ -1,15 +1,17 @@
 """Blocks: a long run is bounded by what its stretches cost at least, each for itself.
 
 A stretch of the run that begins at its ceiling, with any choice, costs no schedule of the run less: the filter knows no more than the
-ceiling, and costs are monotone. A few segments before each block cost nothing and are chosen freely: they bring the ceiling down to what a
-schedule can know. The sum over the blocks (the largest, where that counts) is below the cost of every schedule of the run; it is linear in
-the number of segments, and what it gives away per block does not grow.
+ceiling, and costs are monotone. A few segments before each block cost nothing and are chosen freely: they bring the ceiling down to
+what a schedule can know. Where two blocks meet each counts a share of the cost, along a ramp from all to nothing, so that the end of
+the one looks at what comes after it. The sum over the blocks (the largest, where that counts) is below the cost of every schedule of
+the run; it is linear in the number of segments, and what it gives away per block does not grow.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,37 +22,58 @@ _MARGINS = (0, 2, 4)  # segments at the ends of a block that are left as they ar
 _ALIKE = 1e-12  # of standard deviations: what is known differs by rounding alone
 
 
-def blocks(segments: int, length: int, before: int) -> Iterator[tuple[int, int, int]]:
-    """Yield (first, last, free) of stretches first..last - 1 whose segments after the first `free` ones make up the run."""
-    count = max(1, round(segments / length))
+@dataclass(frozen=True)
+class BlockLengths:
+    """Lengths in segments: of a block, about; of what is before it and costs nothing; and on either side of where two meet, of the ramp."""
+
+    length: int
+    before: int
+    ramp: int
+
+
+def blocks(segments: int, lengths: BlockLengths) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield (first, weights (k,)) of stretches first..first + k - 1 whose weights sum up to 1 in each segment of the run."""
+    count = max(1, round(segments / lengths.length))
     ends = np.linspace(0, segments, count + 1).round().astype(int)
-    for start, last in itertools.pairwise(ends):
-        first = max(0, int(start) - before)
-        yield first, int(last), int(start) - first
+    ramp = min(lengths.ramp, int(np.diff(ends).min()) // 2)
+    for start, end in itertools.pairwise(ends):
+        first = max(0, int(start) - (ramp + lengths.before if start else 0))
+        k = np.arange(first, min(segments, end + (ramp if end < segments else 0)))
+        yield first, _part_after(k, start, ramp) * (1 - _part_after(k, end, ramp) if end < segments else 1.0)
+
+
+def _part_after(k: np.ndarray, start: int, ramp: int) -> np.ndarray:
+    """Return how much of segments (k,) belongs to a block that begins with one, 0 to 1."""
+    return np.clip((k + 0.5 - start + ramp) / (2 * ramp), 0.0, 1.0) if start and ramp else (k >= start).astype(float)
 
 
 def bound_by_blocks(
-    problem: PosteriorProblem, walk: Walk, length: int, before: int, bound_of: Callable[[PosteriorProblem, Walk], tuple[Walk, float]]
+    problem: PosteriorProblem,
+    walk: Walk,
+    lengths: BlockLengths,
+    bound_of: Callable[[PosteriorProblem, np.ndarray, Walk], tuple[Walk, float]],
 ) -> tuple[Walk, float]:
-    """Return the best schedule and the bound that blocks of about `length` segments come to.
+    """Return the best schedule and the bound that blocks come to.
 
-    bound_of: the best schedule and a bound of a stretch, from that schedule's part of the best one. Parts that are better than those
-    of the best schedule are tried in it, with and without their ends.
+    bound_of: the best schedule and a bound of a stretch with weights, from that schedule's part of the best one. Parts that are better
+    than those of the best schedule are tried in it, with and without their ends.
     """
     total, given = -np.inf if problem.is_worst else 0.0, walk
-    for first, last, free in blocks(problem.segments, length, before):
-        stretch = problem.stretch(first, last, free)
-        part, bound = bound_of(stretch, stretch.walk(walk.nodes[first:last]))
+    for first, shares in blocks(problem.segments, lengths):
+        weights = (shares > 0).astype(float) if problem.is_worst else shares
+        stretch = problem.stretch(first, weights)
+        part, bound = bound_of(stretch, weights, stretch.walk(walk.nodes[first : first + len(weights)]))
         total = max(total, bound) if problem.is_worst else total + bound
-        walk = _with_part(problem, walk, first + free, part.nodes[free:])
+        free = int((weights > 0).argmax())
+        walk = _with_part(problem, walk, first + free, part.nodes[free:], [lengths.ramp + margin for margin in _MARGINS])
     return better_walk(problem, given, [walk.nodes]), total
 
 
-def _with_part(problem: PosteriorProblem, walk: Walk, first: int, nodes: np.ndarray) -> Walk:
+def _with_part(problem: PosteriorProblem, walk: Walk, first: int, nodes: np.ndarray, margins: Sequence[int]) -> Walk:
     """Return the best of a walk and the same with other nodes from a segment on, with and without their ends, of those within the rules."""
     last = first + len(nodes)
-    tried = np.repeat(walk.nodes[None], len(_MARGINS), axis=0)
-    for margin, changed in zip(_MARGINS, tried, strict=True):
+    tried = np.repeat(walk.nodes[None], len(margins), axis=0)
+    for margin, changed in zip(margins, tried, strict=True):
         part = slice(min(margin, len(nodes)), len(nodes) - (margin if last < problem.segments else 0))
         changed[first:last][part] = nodes[part]
     follows = problem.options.follows[tried[:, :-1], tried[:, 1:]].all(axis=1) & problem.options.may_start[tried[:, 0]]

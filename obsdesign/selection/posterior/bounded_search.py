@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxation_of_ceilings, relaxation_of_windows
-from obsdesign.selection.posterior.blocks import bound_by_blocks
+from obsdesign.selection.posterior.blocks import BlockLengths, bound_by_blocks
 from obsdesign.selection.posterior.cost_slopes import cost_slopes
 from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, build_chain, prove, windows_of
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
@@ -18,13 +18,14 @@ from obsdesign.selection.posterior.windows import single_layers
 
 _MAX_TRELLIS = 4096  # partial schedules of a trellis
 _FULL_STEP = 250.0  # `step_size` up to which a search may take all of its steps; less of larger ones
+_QUICK = 4000  # times that a sample is taken in a segment by a trellis: those of more partial schedules are left to what follows
 _PRICE_FACTORS = (0.0, 0.5, 1.0, 1.5)  # times the best prices of limits: with which partial schedules are compared
 _EFFORT = WorkLimits(max_windows=60_000, max_simulated=1_500_000)
-_EFFORT_OF_BLOCK = WorkLimits(max_windows=20_000, max_simulated=300_000)
+_EFFORT_OF_BLOCK = WorkLimits(max_windows=20_000, max_simulated=600_000)
 _LONG = 300  # segments: longer runs go by blocks
-_BLOCK, _BEFORE = 50, 4
+_BLOCKS = BlockLengths(length=70, before=4, ramp=3)
 _ROUNDING = 8 * float(np.finfo(float).eps)
-_OF_BLOCKS = 0.5  # share of the gap that blocks may leave open
+_OF_BLOCKS = 0.55  # share of the gap that blocks may leave open
 _WIDTHS = (300, 1000, 3000, 10_000, 30_000, 100_000)  # states after each segment, pass by pass
 _SCHEDULES = 100  # states where only a schedule is looked for
 _FAR = 0.02  # of the cost: a gap that is left open, from which on states that cut across windows are tried
@@ -114,16 +115,17 @@ def _search_blocks(
 ) -> Answer:
     """Return what blocks come to; least_costs (K,) bound those that there is no time for."""
 
-    def bound_of(part: PosteriorProblem, own: Walk) -> tuple[Walk, float]:
+    def bound_of(part: PosteriorProblem, weights: np.ndarray, own: Walk) -> tuple[Walk, float]:
         """Return the best schedule of a block and the bound on all."""
         if problem.deadline.is_over:
-            return own, problem.total(least_costs[part.maps.first + part.maps.free : part.maps.first + part.segments])
-        share = part.segments / problem.segments
+            return own, problem.total((weights * least_costs[part.maps.first :][: part.segments])[weights > 0])
+        share = weights.sum() / problem.segments
         answer = prove_best(part, own, lambda _: _OF_BLOCKS * share * gap_at(walk.value), effort)
         return answer.walk or own, answer.bound
 
-    best, bound = bound_by_blocks(problem, walk, _BLOCK, _BEFORE, bound_of)
-    return Answer(best, min(bound, best.value), f"blocks of {_BLOCK} segments, each with {_BEFORE} before it that cost nothing")
+    best, bound = bound_by_blocks(problem, walk, _BLOCKS, bound_of)
+    by = f"blocks of {_BLOCKS.length} segments, each with {_BLOCKS.before} before it that cost nothing"
+    return Answer(best, min(bound, best.value), by)
 
 
 def prove_best(problem: PosteriorProblem, walk: Walk, gap_at: Callable[[float], float], effort: WorkLimits) -> Answer:
@@ -174,11 +176,14 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
         is_closed = bound >= walk.value - gap_at(walk.value)
         if is_closed or _GROWTH * simulated_before > rest or problem.deadline.is_over or not _can_hold(problem, relaxation, width):
             break
-        found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
-        walk = walk if found.nodes is None else better_walk(problem, walk, [found.nodes])
+        simulated_before = 0
+        if width > _WIDTHS[0]:
+            found = refine(problem, relaxation, slopes, walk.value - gap_at(walk.value), _SCHEDULES, tolerance, is_bound=False)
+            walk = walk if found.nodes is None else better_walk(problem, walk, [found.nodes])
+            simulated_before = found.simulated
         limit = walk.value - gap_at(walk.value)
         result = refine(problem, relaxation, slopes, limit, width, tolerance)
-        simulated_before = result.simulated + found.simulated
+        simulated_before += result.simulated
         rest -= simulated_before
         if result.is_stopped:
             break
@@ -211,10 +216,11 @@ def first_walk(problem: PosteriorProblem, share: float = 1.0) -> Walk | None:
     nodes = len(problem.options.pattern_of_node)
     prices, hasty = trellis_prices(problem), replace(problem, deadline=problem.deadline.share(_OF_TRELLISES))
     width = trellis_width(problem, share / len(prices))
-    # short runs without limits: windows and refined states find better ones in the time
-    deepest = 3 if len(problem.limits) else 1 if problem.segments <= _LONG else 2
+    updates = nodes * max(1, problem.maps.rows.shape[0] * problem.maps.rows.shape[1])
+    # without limits windows and refined states find better ones in the time
+    is_quick = [depth == 1 or nodes**depth <= (_MAX_TRELLIS if len(problem.limits) else _QUICK / updates) for depth in (1, 2, 3)]
     tried: list[np.ndarray] = []
-    for depth in (depth for depth in range(1, deepest + 1) if depth == 1 or nodes**depth <= _MAX_TRELLIS):
+    for depth in (depth for depth, is_tried in enumerate(is_quick, 1) if is_tried):
         for price in prices:
             if tried and hasty.deadline.is_over:
                 break

@@ -67,13 +67,13 @@ class PosteriorProblem:
         """Covariances (K, n, n) before each segment that no schedule is below."""
         return ceilings(self.maps, self.options, self.P0, self.deadline) if self.known_ceilings is None else self.known_ceilings
 
-    def stretch(self, first: int, last: int, free: int) -> PosteriorProblem:
-        """Return the problem of segments first..last - 1, of which the first `free` cost nothing; limits in sum are left out."""
-        options = self.options
+    def stretch(self, first: int, weights: np.ndarray) -> PosteriorProblem:
+        """Return the problem of segments from one on, which count as much as weights (k,) say; limits in sum are left out."""
+        options, last = self.options, first + len(weights)
         may_start = np.ones_like(options.may_start) if first else options.may_start
         options = replace(options, allowed=options.allowed[first:last], may_start=may_start, resources=())
         P0 = self.ceilings[first]
-        maps, known = self.maps.stretch(first, last, free), self.ceilings[first:last]
+        maps, known = self.maps.stretch(first, weights), self.ceilings[first:last]
         return PosteriorProblem(maps, options, P0, self.is_worst, known_ceilings=known, deadline=self.deadline)
 
     @property
@@ -124,8 +124,8 @@ class PosteriorProblem:
 
     def switching_costs(self, k: np.ndarray | int, before: np.ndarray, node: np.ndarray) -> np.ndarray:
         """Return what steps (B,) into segments cost for switching; nothing where a stretch of a run does not count yet."""
-        is_counted = (k >= self.maps.free) & ((k > 0) | (self.maps.first == 0))
-        return np.where(is_counted, self.options.switching_costs[before, node], 0.0)
+        weight = 1.0 if self.maps.weights is None else self.maps.weights[k] * ((k > 0) | (self.maps.first == 0))
+        return weight * self.options.switching_costs[before, node]
 
     def is_feasible(self, walk: Walk) -> bool:
         """Whether a walk keeps the limits of all resources."""

@@ -29,7 +29,7 @@ class SegmentMaps:
 
     rows (T, R, n, M): r of the samples at the T instants at most that a segment has samples at, R at most in one; is_sampled (T, R, M):
     where there is one, elsewhere r is 0. instants (K,): how many there are. Psi, P0 (n, n, M). costs: what is added after each of
-    them. Of a stretch of a run, first: the run's number of its first segment, free: how many segments at its beginning cost nothing.
+    them. Of a stretch of a run, first: the run's number of its first segment, weights (K,): how much its segments count; None = 1.
     """
 
     options: int
@@ -40,11 +40,11 @@ class SegmentMaps:
     P0: np.ndarray
     costs: AbstractCostMaps
     first: int = 0
-    free: int = 0
+    weights: np.ndarray | None = None
 
-    def stretch(self, first: int, last: int, free: int) -> SegmentMaps:
-        """Return the maps of segments first..last - 1, numbered anew from 0, of which the first `free` cost nothing."""
-        return replace(self, instants=self.instants[first:last], first=self.first + first, free=free)
+    def stretch(self, first: int, weights: np.ndarray) -> SegmentMaps:
+        """Return the maps of as many segments as there are weights (k,), from one on, numbered anew from 0."""
+        return replace(self, instants=self.instants[first : first + len(weights)], first=self.first + first, weights=weights)
 
     def advance(self, segment: np.ndarray | int, option: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the costs (B,) of options (B,) in segments (B,) from covariances (n, n, B) before them, and those at their ends.
@@ -55,9 +55,10 @@ class SegmentMaps:
         batches = [slice(first, first + _BATCH) for first in range(0, max(1, len(number)), _BATCH)]
         parts = [self._advance(number[batch], P[:, :, batch]) for batch in batches]
         cost, P_next = np.concatenate([cost for cost, _ in parts], axis=-1), np.concatenate([P_next for _, P_next in parts], axis=2)
-        if self.free:
-            cost[..., number // self.options < self.first + self.free] = self.costs.nothing
-        return cost, P_next
+        if self.weights is None:
+            return cost, P_next
+        weight = self.weights[number // self.options - self.first]
+        return np.where(weight > 0, weight * cost, self.costs.nothing), P_next
 
     def _advance(self, number: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         X, cost = P, self.costs.before_samples(number, P)
