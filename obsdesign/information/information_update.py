@@ -13,6 +13,7 @@ from obsdesign.information.input_exchange import deflate, exchange_inputs, large
 _EPS = float(np.finfo(float).eps)
 _RESIDUE = 16 * _EPS  # share of what was added up below which what is left is rounding
 _RESIDUE_SCALE = 2.0**-5  # a difference of 8 to 16 eps of A does not change A when it is so much smaller
+_NOISE_SHARE = 0.01  # of the rounding of a step that noise leaves: 1e-10 of a column where noise takes all but 1e-8 of it
 _SIGNIFICANCE = 1e3  # how many times the rounding of one step a number must have for an unknown input to be seen in it
 
 
@@ -53,7 +54,8 @@ class InformationRoot:
 
     def add_error(self, sizes: ca.SX) -> InformationRoot:
         """Return the root with so much more rounding (1, n) in its columns, if that is followed."""
-        draws = ca.SX(ca.DM(np.cos(np.arange(1.0, sizes.numel() + 1) ** 2)[None]))
+        places = np.arange(1.0, sizes.numel() + 1)
+        draws = ca.SX(ca.DM((np.sign(np.cos(places**2)) * (1 + 0.3 * np.sin(places)))[None]))
         return InformationRoot(self.T, self.rounding, self.error + draws * sizes if self.error.shape[0] else self.error)
 
     def add_noise(self, noise: ca.SX) -> InformationRoot:
@@ -65,7 +67,8 @@ class InformationRoot:
             norm = ca.sqrt(1 + ca.sumsqr(g))
             error = error - (error @ noise[:, column]) @ (information.T / norm**2)
             T = T - g @ information.T / (norm * (norm + 1))  # (I + g g')^(-1/2) T
-        return InformationRoot(T, self.rounding, error)
+        root = InformationRoot(T, self.rounding, error)
+        return root.add_error(_NOISE_SHARE * self.rounding.T) if noise.shape[1] else root
 
     def with_rows(self, rows: ca.SX) -> InformationRoot:
         """Return the upper triangular root of what both know."""

@@ -23,7 +23,7 @@ from obsdesign.information.backward_pass import (
 from obsdesign.information.gramian import require_fit
 from obsdesign.information.information_update import Disturbance
 from obsdesign.information.recorded_samples import recorded_samples
-from obsdesign.information.root_recursion import forward_scan, initial_carry_of, posterior_roots
+from obsdesign.information.root_recursion import error_rows_of, forward_scan, initial_carry_of, posterior_roots
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.logs.log import Log
 from obsdesign.prior import Prior
@@ -153,7 +153,7 @@ def _rows_with_nuisance(
     nuisance, rows = nuisance_of(system.model, path.pace), [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     a, size = len(nuisance.coloured), path.x.shape[1] + len(nuisance.constant)
     scan = forward_scan(system.model, path.pace, disturbance, substeps_along(system, path), with_errors=True)
-    results = scan.run(initial_carry_of(prior, nuisance, len(disturbance.unknown))[None], rows, path.steps, carries=False).results
+    results = scan.run(initial_carry_of(prior, nuisance, error_rows_of(disturbance))[None], rows, path.steps, carries=False).results
     shapes = ((size, size), (size, a), (a, a))
     T, M, V = (values[0].reshape(path.steps, *shape).swapaxes(1, 2) for values, shape in zip(results, shapes, strict=True))
     values, vectors = np.linalg.eigh(V)

@@ -24,19 +24,19 @@ _TRUSTED_ERROR = 1e-10  # share of a column of a root that its rounding may have
 _NEGLIGIBLE = 1e-9  # share of the prior's column below which a column says nothing
 
 
-def initial_carry_of(prior: Prior, nuisance: NuisanceStates, unknown: int) -> np.ndarray:
+def initial_carry_of(prior: Prior, nuisance: NuisanceStates, error_rows: int) -> np.ndarray:
     """Return the carry before the samples of t_0: (T, rounding, error) about (b, x), M = 0 and V = R, column by column."""
     root = np.linalg.inv(np.linalg.cholesky(prior.covariance))
     a, c = len(nuisance.coloured), len(nuisance.constant)
     T = np.eye(c + len(root))
     T[c:, c:] = root
-    rounding, error = np.finfo(float).eps * np.abs(T).sum(axis=0), np.zeros(_error_rows(unknown) * len(T))
+    rounding, error = np.finfo(float).eps * np.abs(T).sum(axis=0), np.zeros(error_rows * len(T))
     return np.concatenate([T.ravel(order="F"), rounding, error, np.zeros(a * len(T)), pack_values(nuisance.R)])
 
 
-def _error_rows(unknown: int) -> int:
-    """How many rows of errors are carried beside T: where inputs are unknown, what is left may be rounding of what they took."""
-    return min(unknown, 1)
+def error_rows_of(disturbance: Disturbance) -> int:
+    """How many rows of errors are carried beside T: where something moves the state, what is left may be rounding of what that took."""
+    return int(bool(disturbance.unknown or disturbance.L.size))
 
 
 @lru_cache(CACHE_SIZE)
@@ -49,7 +49,7 @@ def forward_scan(model: Model, step: float, disturbance: Disturbance, substeps: 
     """
     step_graph, nuisance = looped_step(model, step, substeps), nuisance_of(model, step)
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
-    error_rows = _error_rows(len(disturbance.unknown))
+    error_rows = error_rows_of(disturbance)
     root = InformationRoot(ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("error", error_rows, c + n))
     weights, unit = ca.SX.sym("active", len(model.channels)), ca.SX.sym("unit", n)
     scale = model.noise_scale
@@ -81,16 +81,16 @@ def posterior_roots(system: AbstractSystem, path: Trajectory, prior: Prior, dist
     In doubles; anew with as many digits as it takes where that would claim what is rounding.
     """
     n, nuisance = path.x.shape[1], nuisance_of(system.model, path.pace)
-    size, unknown = n + len(nuisance.constant), len(disturbance.unknown)
+    size, error_rows = n + len(nuisance.constant), error_rows_of(disturbance)
     rows = [path.x[:-1], all_inputs_along(system, path), weights, prior.std]
     scan = forward_scan(system.model, path.pace, disturbance, substeps_along(system, path))
-    run = scan.run(initial_carry_of(prior, nuisance, unknown)[None], rows, path.steps, carries=False)
-    columns = run.carry[0, : size * (size + 1 + _error_rows(unknown))].reshape(-1, size).T
+    run = scan.run(initial_carry_of(prior, nuisance, error_rows)[None], rows, path.steps, carries=False)
+    columns = run.carry[0, : size * (size + 1 + error_rows)].reshape(-1, size).T
     last, last_error = _about_state(columns[:, :size], columns[:, size + 1 :].T, n)
     roots = np.concatenate([run.results[0][0].reshape(-1, n, n).swapaxes(1, 2), last[None]])
     if not np.isfinite(roots).all():
         raise_not_finite(roots, system, path, weights)
-    if unknown and _is_rounding_claimed(roots, np.concatenate([run.results[1][0], last_error]), prior.std):
+    if error_rows and _is_rounding_claimed(roots, np.concatenate([run.results[1][0], last_error]), prior.std):
         return _roots_in_long_numbers(system, path, prior, disturbance, weights)
     return roots
 
