@@ -54,9 +54,23 @@ class InformationRoot:
 
     def add_error(self, sizes: ca.SX) -> InformationRoot:
         """Return the root with so much more rounding (1, n) in its columns, if that is followed."""
-        places = np.arange(1.0, sizes.numel() + 1)
-        draws = ca.SX(ca.DM((np.sign(np.cos(places**2)) * (1 + 0.3 * np.sin(places)))[None]))
-        return InformationRoot(self.T, self.rounding, self.error + draws * sizes if self.error.shape[0] else self.error)
+        return InformationRoot(self.T, self.rounding, self.error + _draws(sizes.numel()) * sizes if self.error.shape[0] else self.error)
+
+    def add_solution_error(self, A: ca.SX, inverse: ca.SX) -> InformationRoot:
+        """Return the root with what it is off by when it was multiplied by rows of the inverse of A, solved with rounding.
+
+        That is the inverse of A + dA, |dA_ij| <= eps r_i c_j, with r_i the largest of a row, c_j of a column of rows over r_i: T is off
+        by T dA A^-1.
+        """
+        solved, n = [i for i in range(A.shape[0]) if A[i, :].nnz() > 1], A.shape[0]  # the other rows are only divided by
+        if not self.error.shape[0] or not solved:
+            return self
+        sizes = ca.fabs(ca.densify(A))
+        rows = [ca.mmax(sizes[i, :]) for i in solved]
+        scaled = [sizes[i, :] / ca.if_else(row > 0, row, 1) for i, row in zip(solved, rows, strict=True)]
+        columns = ca.horzcat(*[ca.mmax(ca.vertcat(*[row[j] for row in scaled])) for j in range(n)])
+        size = _EPS * (ca.sum1(ca.fabs(self.T))[:, solved] @ ca.vertcat(*rows))
+        return InformationRoot(self.T, self.rounding, self.error + size * ((_draws(n) * columns) @ inverse))
 
     def add_noise(self, noise: ca.SX) -> InformationRoot:
         """Return the root once noise, columns of it (m, r) with N(0, 1) each, has been added to what this one is about."""
@@ -112,6 +126,12 @@ class InformationRoot:
         return (size > threshold * threshold) * size
 
 
+def _draws(count: int) -> ca.SX:
+    """Return (1, count) numbers between 0.7 and 1.3 in size, with signs as if drawn."""
+    places = np.arange(1.0, count + 1)
+    return ca.SX(ca.DM((np.sign(np.cos(places**2)) * (1 + 0.3 * np.sin(places)))[None]))
+
+
 def _difference(A: ca.SX, B: ca.SX) -> ca.SX:
     """A - B, 0 where what is left of an entry is rounding."""
     difference = A - B
@@ -133,7 +153,8 @@ def predict(
     exchange = exchange_inputs(*in_units(F, B_w[:, list(disturbance.unknown)], unit), root.rounding)
     for column in range(exchange.Q.shape[1]):
         root = root.eliminate(exchange.Q[:, column])
-    return root.transform(exchange.X, exchange.magnitudes).scale(1 / unit).add_noise(noise)
+    root = root.transform(exchange.X, exchange.magnitudes).add_solution_error(exchange.A, exchange.inverse)
+    return root.scale(1 / unit).add_noise(noise)
 
 
 def in_units(F: ca.SX, B: ca.SX, unit: ca.SX) -> tuple[ca.SX, ca.SX]:

@@ -13,12 +13,15 @@ from obsdesign.information.householder import solve
 class InputExchange:
     """x = X y + Q t: all x, with t anything, from which y = F x + B w is reached by some w. X (n, n), Q (n, p), X B = 0.
 
-    magnitudes (n, n): of what was added up in each entry of X.
+    magnitudes (n, n): of what was added up in each entry of X; A (n, n): F with the inputs' columns in place of those of t, and its
+    inverse, of which X is a part.
     """
 
     X: ca.SX
     Q: ca.SX
     magnitudes: ca.SX
+    A: ca.SX
+    inverse: ca.SX
 
 
 def exchange_inputs(F: ca.SX, B: ca.SX, weights: ca.SX) -> InputExchange:
@@ -29,9 +32,10 @@ def exchange_inputs(F: ca.SX, B: ca.SX, weights: ca.SX) -> InputExchange:
     """
     n, states = F.shape[0], _exchanged_states(ca.fabs(weights), solve(F, B))
     is_solved = ca.diag(1 - ca.sum2(states))
-    solved = solve(F @ is_solved + B @ states.T, ca.horzcat(ca.SX.eye(n), F @ states))
+    A = F @ is_solved + B @ states.T
+    solved = solve(A, ca.horzcat(ca.SX.eye(n), F @ states))
     X, magnitudes = _with_null_columns(is_solved @ solved[:, :n], B)
-    return InputExchange(X, states - is_solved @ solved[:, n:], magnitudes)
+    return InputExchange(X, states - is_solved @ solved[:, n:], magnitudes, A, solved[:, :n])
 
 
 def _exchanged_states(weights: ca.SX, columns: ca.SX) -> ca.SX:

@@ -130,7 +130,7 @@ def predict_with_errors(
         variance = is_seen / ca.if_else(is_seen, precision, 1)
         M, V, root = M - variance * (error_change @ row), V + variance * (error_change @ error_change.T), root.eliminate(q)
     M = M @ exchange.X @ ca.diag(1 / all_units)
-    root = root.transform(exchange.X, exchange.magnitudes).scale(1 / all_units)
+    root = root.transform(exchange.X, exchange.magnitudes).add_solution_error(exchange.A, exchange.inverse).scale(1 / all_units)
     return _add_noise_with_errors(root, ErrorDistribution(M, V), noise)
 
 
