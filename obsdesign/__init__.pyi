@@ -95,6 +95,7 @@ from .planning.plan import Plan as Plan
 from .planning.planner import Planner as Planner
 from .prior import Prior as Prior
 from .report import figures as figures
+from .report.folder import load_study as load_study
 from .report.folder import write_report as write_report
 from .round_off import standard_deviations as standard_deviations
 from .rules.abstract import Segments as Segments

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import select
 import signal
 import subprocess
@@ -15,6 +16,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 from conftest import ROOT, obsdesign, small_scenario
+
+import obsdesign as od
 
 WRITTEN = ["question.toml", "report.html", "result.json", "schedule.csv", "trajectory.csv"]
 
@@ -95,6 +98,81 @@ def test_the_same_seed_gives_the_same_bytes_for_any_number_of_processes(finished
     first, second = (json.loads((place / "result.json").read_text()) for place in (folder / "out", other))
     assert first.pop("timings").keys() == second.pop("timings").keys()
     assert json.dumps(first) == json.dumps(second)
+
+
+def test_the_page_is_built_again_from_the_result_alone_to_the_same_bytes(finished, tmp_path):
+    folder, _ = finished
+    (tmp_path / "result.json").write_bytes((folder / "out" / "result.json").read_bytes())
+    done = obsdesign("report", "result.json", "--json", folder=tmp_path)
+    assert (done.returncode, json.loads(done.stdout)["page"]) == (0, "report.html")
+    assert (tmp_path / "report.html").read_bytes() == (folder / "out" / "report.html").read_bytes()
+
+
+def test_comparing_tells_what_changed_in_the_question_and_in_the_answer(finished, again, tmp_path):
+    folder, _ = finished
+    result = json.loads((folder / "out" / "result.json").read_text())
+    result["scenario"]["source"] = result["scenario"]["source"].replace("sigma = 2.0 # m", "sigma = 3.0 # m").replace("starts = 2", "")
+    result["designs"]["all"]["value"] *= 2
+    result["selection"]["filter"]["cost"] = None  # a key that is not there
+    (tmp_path / "other.json").write_text(json.dumps(result))
+    assert "selection.filter.cost" in obsdesign("compare", folder / "out", "other.json", folder=tmp_path).stderr
+    del result["selection"]["filter"]["cost"]
+    (tmp_path / "other.json").write_text(json.dumps(result))
+    done = obsdesign("compare", folder / "out", "other.json", "--json", folder=tmp_path)
+    document = json.loads(done.stdout)
+    assert document["changes"] == [
+        {"key": "sensors[0].sigma", "first": 2.0, "second": 3.0},
+        {"key": "design.starts", "first": 2, "second": None},
+    ]
+    values = {pair["what"]: pair for pair in document["numbers"]}
+    assert {what for what, pair in values.items() if pair["first"] != pair["second"]} == {"value, path for all"}
+    assert values["value, path for all"]["second"] == 2 * values["value, path for all"]["first"]
+    same = obsdesign("compare", "out", "reports/scenario", "--out", "page", "--json", folder=folder)
+    assert json.loads(same.stdout)["notes"] == ["the question, the seed and the versions are the same"]
+    page = (folder / "page" / "comparison.html").read_text()
+    ids = re.findall(r' id="([^"]+)"', page)
+    assert len(ids) == len(set(ids)) and set(re.findall(r'(?:href="#|url\(#)([^")]+)', page)) <= set(ids)
+    assert page.count("<svg") == 6 and "http" not in page.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "os:system",
+        "obsdesign.cli.command:main",
+        "obsdesign.interrupts:os",
+        "obsdesign.nowhere:Study",
+        "obsdesign.study.record:Study.main",
+        "",
+    ],
+)
+def test_a_record_names_records_of_obsdesign_and_nothing_else(name, finished, tmp_path):
+    folder, _ = finished
+    result = json.loads((folder / "out" / "result.json").read_text())
+    next(written for written in result["record"] if "record" in written)["record"] = name
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    with pytest.raises(od.InputError, match="its record is not one that obsdesign"):
+        od.load_study(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"record": []}, "holds no record of the study"),
+        ({"record": [{"array": "AAAA", "type": "|O8", "shape": [1]}, 0]}, "no array of '|O8' is read"),
+        ({"record": [{"array": "AAAAAAAAAAA=", "type": "<f8", "shape": [10**12]}, 0]}, "cannot reshape"),
+        ({"record": [{"at": 0}]}, "IndexError"),
+        ({"record": [1.0]}, "its record is of float: must be of a Study"),
+        ({"schema_version": None}, "is no result of this version of obsdesign"),
+    ],
+    ids=["left out", "objects", "too large", "circle", "no study", "no result"],
+)
+def test_a_result_that_holds_no_study_is_refused_by_name(change, said, finished, tmp_path):
+    folder, _ = finished
+    result = json.loads((folder / "out" / "result.json").read_text()) | change
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    with pytest.raises(od.InputError, match=re.escape(said)):
+        od.load_study(tmp_path / "result.json")
 
 
 def test_csv_files_have_units_in_the_header_and_a_row_per_node(finished):

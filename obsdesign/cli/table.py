@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, export, init, log, run, schema, select
+from obsdesign.cli.verbs import check, compare, export, init, log, report, run, schema, select
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
@@ -12,5 +12,7 @@ VERBS: tuple[Verb, ...] = (
     run.VERB,
     select.VERB,
     log.VERB,
+    compare.VERB,
     export.VERB,
+    report.VERB,
 )

@@ -77,6 +77,7 @@ JSON = Argument("--json", "print one JSON object on stdout", is_flag=True)
 QUIET = Argument("--quiet", "print nothing when all is well", is_flag=True)
 SEED = Argument("--seed", "overrides the scenario's seed", read=whole_number_type(0), variable="NUMBER")
 SCENARIO = Argument("scenario", "TOML file (default: the scenario in this folder)", read=Path, completes="files", may_miss=True)
+RESULT = Argument("result", "result.json of a run, or its folder", read=Path, completes="files")
 
 
 def out_argument(what: str) -> Argument:

@@ -9,7 +9,7 @@ from pydantic import Field
 from obsdesign.report.document_parts import DesignPart, DocumentPart, Number, PathPart, ScenarioPart, VerdictPart, ViolationPart
 from obsdesign.report.expectations import Expectation
 
-SCHEMA_VERSION = "1.5"
+SCHEMA_VERSION = "1.6"
 
 
 class LossPart(DocumentPart):
@@ -185,4 +185,9 @@ class Result(DocumentPart):
     joint: JointPart | None = Field(description="null: none was asked for")
     flight: FlightPart | None = Field(description="null: none was asked for")
     expected: list[Expectation]
+    record: list[Any] = Field(
+        default=[],
+        description="the study to the last bit, from which `obsdesign report` builds the page again: its layout is that of obsdesign's own "
+        "records and may change with any version; empty: left out, or the scenario has no text",
+    )
     timings: dict[str, float] = Field(description="seconds per stage; the only part that varies from run to run")

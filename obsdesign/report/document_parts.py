@@ -28,6 +28,7 @@ class ScenarioPart(DocumentPart):
     title: str
     file: str = Field(description="name of the file")
     sha256: str = Field(description="of the file's bytes")
+    source: str = Field(description="text of the file; empty: the scenario was made in Python")
     states: list[str]
     state_units: list[str]
     sensors: list[str]

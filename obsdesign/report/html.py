@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import jinja2
-from markupsafe import Markup, escape
-
 from obsdesign.report.number_format import plain
+from obsdesign.report.page import environment
 from obsdesign.report.section import Section
 from obsdesign.report.sections import codesign, design, flight, observability, rating, schedule, summary, validation, way_points
 from obsdesign.report.sections.glossary import glossary
@@ -17,32 +15,26 @@ from obsdesign.report.to_document import versions
 from obsdesign.study.record import Study
 
 
-def page_of(study: Study) -> str:
-    """Return the report of a study: HTML without any reference to the network; the same study gives the same text."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("obsdesign.report", "."),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["typeset"] = _typeset
-    return environment.get_template("page.html.j2").render(
-        scenario=study.scenario,
-        answer=summary.answer(study),
-        headline=summary.headline(study),
-        parts=_number_questions(_sections(study)),
-        command=_command(study),
-        versions=versions(),
-        file=Path(study.scenario.file).name,
-        seed=study.seed,
-        glossary=glossary(study),
-    )
+def page_of(study: Study, made_with: Mapping[str, str] | None = None) -> str:
+    """Return the report of a study: HTML without any reference to the network; the same study gives the same text.
 
-
-def _typeset(text: str) -> Markup:
-    """Escape a text and set λmin with its index below."""
-    return Markup(re.sub("λmin", "λ<sub>min</sub>", str(escape(text))))
+    made_with: the versions that made its numbers; None = those that are installed.
+    """
+    return (
+        environment()
+        .get_template("page.html.j2")
+        .render(
+            scenario=study.scenario,
+            answer=summary.answer(study),
+            headline=summary.headline(study),
+            parts=_number_questions(_sections(study)),
+            command=_command(study),
+            versions=versions() if made_with is None else made_with,
+            file=Path(study.scenario.file).name,
+            seed=study.seed,
+            glossary=glossary(study),
+        )
+    )
 
 
 def _sections(study: Study) -> tuple[Section, ...]:

@@ -17,14 +17,14 @@ def summary_of(result: Result) -> Group:
     """Return what a terminal shows of a result: what is hidden, the paths, the schedules, the filter."""
     several = len(result.selections) > 1
     schedules = [table for name, selection in result.selections.items() for table in _schedules(name if several else "", selection)]
-    return Group(*map(_render, (_hidden(result), _paths(result), *schedules, _filter(result))))
+    return Group(*map(render, (_hidden(result), _paths(result), *schedules, _filter(result))))
 
 
 def schedule_of(result: Result) -> Group:
     """Return what a terminal shows of schedules alone: what was asked, their values, when each sensor is on, what losing one costs."""
     selection = result.selection
     tables = [*_schedules("", selection, "Which?"), _sensors(selection)]
-    return Group(*_opening_line(selection), *map(_render, tables))
+    return Group(*_opening_line(selection), *map(render, tables))
 
 
 def _opening_line(selection: SelectionPart) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def _schedules(path: str, selection: SelectionPart, title: str = "3 Which?") -> 
     return tables if selection.question == "filter" else tables[::-1]
 
 
-def _render(table: Table) -> rich.Table:
+def render(table: Table) -> rich.Table:
     """Lay a table out: its title with what is good, its notes below."""
     title = f"{table.title} ({table.good})" if table.good else table.title
     layout = {"title_justify": "left", "caption_justify": "left", "box": SIMPLE, "pad_edge": False}

@@ -29,10 +29,11 @@ from obsdesign.report.document import (
     ValidationPart,
 )
 from obsdesign.report.document_parts import ScenarioPart, VerdictPart
-from obsdesign.report.expectations import Expectation, check_expectations
+from obsdesign.report.expectations import check_expectations
 from obsdesign.report.paths_to_document import design_part, path_part, suite_key, violation_parts
 from obsdesign.report.schedules_to_document import filter_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
+from obsdesign.report.study_record import encode_study
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.schedule import Schedule
 from obsdesign.study.record import Analysis, Study
@@ -42,8 +43,9 @@ _PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
 
 def document_of(study: Study) -> Result:
     """Return the document of a study, expectations checked."""
-    draft = _build_document(study, [])
-    return _build_document(study, check_expectations(study.scenario.expected, draft.model_dump()))
+    draft = _build_document(study)
+    expected = check_expectations(study.scenario.expected, draft.model_dump())
+    return draft.model_copy(update={"expected": expected, "record": encode_study(study) if study.scenario.source else []})
 
 
 def versions() -> dict[str, str]:
@@ -51,7 +53,7 @@ def versions() -> dict[str, str]:
     return {"obsdesign": obsdesign.__version__, "python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
 
 
-def _build_document(study: Study, expected: list[Expectation]) -> Result:
+def _build_document(study: Study) -> Result:
     suites = [suite_key(study, suite) for suite in study.suites] if study.designs else []
     manoeuvres = dict.fromkeys(analysis.manoeuvre for analysis in study.analyses)
     checks: dict[str, dict[str, ValidationPart]] = {}
@@ -74,7 +76,7 @@ def _build_document(study: Study, expected: list[Expectation]) -> Result:
         validation=checks,
         joint=None if study.joint is None else _joint(study, study.joint),
         flight=None if study.flight is None else _flight(study, study.flight),
-        expected=expected,
+        expected=[],
         timings=_timings(study),
     )
 
@@ -85,6 +87,7 @@ def _scenario(study: Study) -> ScenarioPart:
         title=scenario.title,
         file=Path(scenario.file).name,
         sha256=scenario.digest,
+        source=scenario.source,
         states=list(scenario.state_names),
         state_units=[signal.unit for signal in scenario.vehicle.states],
         sensors=list(scenario.sensor_names),

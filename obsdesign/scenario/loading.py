@@ -52,20 +52,29 @@ def load_scenario_of_path(file: Path) -> Scenario:
     return _load(file, has_path=True)
 
 
+def scenario_from_text(text: str, file: str) -> Scenario:
+    """Check the text of a scenario, for its own paths or for others; `file`: what messages call it. See load_scenario."""
+    return _parse(text, Path(file), has_path=True)
+
+
 def _load(file: Path, has_path: bool) -> Scenario:
     try:
-        content = file.read_bytes()
-        text = content.decode()
-        data = tomllib.loads(text)
+        text = file.read_bytes().decode()
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
+    return _parse(text, file, has_path)
+
+
+def _parse(text: str, file: Path, has_path: bool) -> Scenario:
+    try:
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
     upgrade = upgrade_data(data)
     reserved_keys = [unknown_key((key,), key, _keys_at(())) for key in _INTERNAL_FIELDS if key in data]
-    internal = {"file": str(file), "digest": hashlib.sha256(content).hexdigest(), "source": text}
+    internal = {"file": str(file), "digest": hashlib.sha256(text.encode()).hexdigest(), "source": text}
     scenario, problems = _validate(upgrade.data, internal, has_path)
     problems = [*upgrade.problems, *reserved_keys, *problems]
     if scenario is None or problems:

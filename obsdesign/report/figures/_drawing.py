@@ -6,7 +6,7 @@ import io
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import RLock
 from typing import Any
 
@@ -120,12 +120,21 @@ def _svg_element(document: str, name: str, description: str) -> str:
     view = re.search(r'viewBox="[^"]*"', head)
     if view is None:
         raise ValueError("the drawing has no viewBox")
-    body = re.sub(r'(\sid=")', rf"\g<1>{name}-", body)
-    body = re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', body)
-    body = body.replace("url(#", f"url(#{name}-")
+    body = _prefix_ids(body, name)
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
     body = re.sub(r'\sd="[^"]*"', lambda match: _round_coordinates(match[0]), body)
     return f'<svg {view[0]} role="img" aria-label="{_attribute(description)}">{body}'
+
+
+def with_prefix(picture: Picture, prefix: str) -> Picture:
+    """Return a picture whose ids differ from those of another picture of the same kind on the page."""
+    return replace(picture, svg=_prefix_ids(picture.svg, prefix))
+
+
+def _prefix_ids(svg: str, name: str) -> str:
+    svg = re.sub(r'(\sid=")', rf"\g<1>{name}-", svg)
+    svg = re.sub(r'(?:xlink:)?href="#', f'href="#{name}-', svg)
+    return svg.replace("url(#", f"url(#{name}-")
 
 
 def _round_coordinates(outline: str) -> str:
