@@ -10,6 +10,7 @@ import sys
 import textwrap
 import tomllib
 
+import numpy as np
 import pytest
 from conftest import ROOT, obsdesign, small_scenario
 from hypothesis import given, settings
@@ -17,7 +18,10 @@ from hypothesis import strategies as st
 
 import obsdesign as od
 from obsdesign.cli.parser import build_parser
+from obsdesign.cli.progress import ProgressLines
 from obsdesign.cli.table import VERBS
+from obsdesign.exchange.schedule_csv import read_schedule_csv, schedule_csv
+from obsdesign.exchange.trajectory_csv import read_trajectory_csv
 from obsdesign.scenario.key_lines import line_of
 from obsdesign.scenario.starters import SCHEMA_FILE, starters, text_to_edit
 from obsdesign.scenario.upgrades import upgrade_data
@@ -233,3 +237,68 @@ def test_heavy_libraries_load_when_used(arguments, loaded, tmp_path):
     code = textwrap.dedent(LIGHT.format(arguments=arguments))
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == str(loaded)
+
+
+# ---------------------------------------------------------------- verbs of one question each
+
+
+def test_doctor_finds_what_is_declared_and_comes_to_the_known_truth(tmp_path):
+    done = obsdesign("doctor", "--json", folder=tmp_path)
+    document = json.loads(done.stdout)
+    seen = {check["what"]: check for check in document["checks"]}
+    assert (done.returncode, document["ok"]) == (0, True)
+    assert {"casadi", "cvxpy", "solver Clarabel", "solver Highs", "known truth"} <= seen.keys()
+    assert "4 of 5 dimensions straight on and 5 turning" in seen["known truth"]["seen"]
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("designed")
+    text = small_scenario().replace('suites = [["gps"]]', "").replace("starts = 2", "starts = 1")
+    (folder / "mine.toml").write_text(text)
+    return folder, obsdesign("design", "--out", "out", "--jobs", "1", "--json", folder=folder)
+
+
+def test_design_writes_the_path_that_it_tells_of(designed):
+    folder, done = designed
+    design = json.loads(done.stdout)["designs"]["gps+magnetometer+range+bearing"]
+    scenario = od.load_scenario(folder / "mine.toml")
+    path = read_trajectory_csv(scenario.system, folder / "out" / "trajectory.csv").path
+    assert path.x[:, 0].tolist() == design["trajectory"]["x"]
+    W = od.variational_gramian(scenario.system, path).total
+    scale = list(scenario.prior.values())
+    assert design["value"] == pytest.approx(np.linalg.eigvalsh(W * np.outer(scale, scale))[0], rel=1e-9)
+
+
+def test_validate_takes_the_path_and_the_schedule_of_files(designed):
+    folder, _ = designed
+    names = od.load_scenario(folder / "mine.toml").sensor_names
+    only_gps = np.tile([True, False, False, False], (8, 1))
+    (folder / "gps.csv").write_text(schedule_csv(only_gps, names, np.arange(9) * 5.0))
+    np.testing.assert_array_equal(read_schedule_csv(folder / "gps.csv", names), only_gps)
+    both = [
+        json.loads(obsdesign("validate", "--along", "out", *schedule, "--jobs", "1", "--json", folder=folder).stdout)
+        for schedule in ((), ("--schedule", "gps.csv"))
+    ]
+    assert both[0]["schedule"] is None and both[1]["schedule"] == "gps.csv"
+    for state, bound in both[0]["final_bound"].items():  # what more sensors are on, the less may be unknown
+        assert bound <= both[1]["final_bound"][state] * (1 + 1e-9)
+    (folder / "short.csv").write_text(schedule_csv(only_gps[:7], names, np.arange(8) * 5.0))
+    short = obsdesign("validate", "--along", "out", "--schedule", "short.csv", folder=folder)
+    assert short.returncode == 2 and "covers 35 s: must be at least the path's 40 s" in short.stderr
+
+
+def test_time_left_is_that_of_the_parts_done():
+    said, times = [], iter([0.0, 0.0, 3.0, 4.0, 9.0, 10.0])
+    progress = ProgressLines(said.append, lambda: next(times))
+    for text in ("Does it hold?", "  50 of 200 runs", "  100 of 200 runs", "  200 of 200 runs", "  50 of 200 runs", "Which? 1 of 4 on"):
+        progress(text)
+    assert said[2] == "  100 of 200 runs (3 s left)"
+    assert said[4] == "  50 of 200 runs (15 s left)"  # another count, which began when the last one ended, at 4 s
+    assert [text for text in said if "left" in text] == [said[2], said[4]]
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
+    command = f"{shlex.quote(sys.executable)} -m obsdesign schema scenario | head -1; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (done.stdout.split()[-1], done.stderr) == ("0", "")

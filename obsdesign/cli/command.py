@@ -25,11 +25,14 @@ def main(arguments: Sequence[str] | None = None, verbs: Sequence[Verb] = VERBS) 
     as_json = "--json" in words
     interrupts = Interrupts(lambda: _print_error("interrupted: nothing was written", ExitCode.INTERRUPTED, as_json))
     interrupts.listen()
+    code = ExitCode.DONE
     try:
         options = build_parser(verbs).parse_args(words)
         outcome = options.verb.action(options)
-        _print_outcome(outcome, options)
         code = outcome.code
+        _print_outcome(outcome, options)
+    except BrokenPipeError:  # whoever reads has seen enough; the interpreter would say so once more when it flushes
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # whatever it is, it has an exit code
         if interrupts.count or isinstance(error, KeyboardInterrupt):
             interrupts.report_once()
@@ -49,6 +52,7 @@ def _print_outcome(outcome: Outcome, options: Namespace) -> None:
         print(json.dumps(outcome.document, indent=1, allow_nan=False))
     elif not options.quiet:
         _print_for_people(outcome.shown)
+    sys.stdout.flush()
     for line in outcome.complaints:
         print(line, file=sys.stderr)
 

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, compare, export, init, log, report, run, schema, select
+from obsdesign.cli.verbs import check, compare, design, doctor, export, init, log, report, run, schema, select, validate
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
     check.VERB,
     schema.VERB,
     run.VERB,
+    design.VERB,
     select.VERB,
+    validate.VERB,
     log.VERB,
     compare.VERB,
     export.VERB,
     report.VERB,
+    doctor.VERB,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -77,6 +78,13 @@ JSON = Argument("--json", "print one JSON object on stdout", is_flag=True)
 QUIET = Argument("--quiet", "print nothing when all is well", is_flag=True)
 SEED = Argument("--seed", "overrides the scenario's seed", read=whole_number_type(0), variable="NUMBER")
 SCENARIO = Argument("scenario", "TOML file (default: the scenario in this folder)", read=Path, completes="files", may_miss=True)
+JOBS = Argument(
+    "--jobs",
+    "processes (default: %(default)s); the answer does not depend on it",
+    read=whole_number_type(1),
+    default=os.cpu_count() or 1,
+    variable="NUMBER",
+)
 RESULT = Argument("result", "result.json of a run, or its folder", read=Path, completes="files")
 
 

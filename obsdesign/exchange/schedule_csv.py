@@ -5,8 +5,11 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
+
+from obsdesign.errors import InputError
 
 
 def schedule_csv(chosen: np.ndarray, sensors: Sequence[str], times: np.ndarray) -> str:
@@ -17,3 +20,20 @@ def schedule_csv(chosen: np.ndarray, sensors: Sequence[str], times: np.ndarray) 
     for k, row in enumerate(chosen.astype(int).tolist()):
         writer.writerow([k, float(times[k]), float(times[k + 1]), *row])
     return table.getvalue()
+
+
+def read_schedule_csv(file: Path, sensors: Sequence[str]) -> np.ndarray:
+    """Return the schedule (K, S) of a file that `schedule_csv` wrote. Raises InputError for a file of another form or other sensors."""
+    try:
+        header, *rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        raise InputError(f"{file}: cannot be read as a schedule: {error}") from None
+    expected = ["segment", "from [s]", "to [s]", *sensors]
+    if header != expected:
+        raise InputError(f"{file}: has the columns {', '.join(header)}: must be {', '.join(expected)}")
+    for number, row in enumerate(rows, 2):
+        if len(row) != len(expected) or not {"0", "1"} >= set(row[3:]):
+            raise InputError(f"{file}: line {number} is {','.join(row)!r}: must have {len(expected)} columns, 0 or 1 for each sensor")
+    if not rows:
+        raise InputError(f"{file}: has no segment")
+    return np.array([[cell == "1" for cell in row[3:]] for row in rows])

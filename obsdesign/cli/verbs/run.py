@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from argparse import Namespace
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from obsdesign.cli.folders import require_writable, scenario_file
-from obsdesign.cli.verb import QUIET, SCENARIO, SEED, Argument, Outcome, Verb, out_argument, whole_number_type
+from obsdesign.cli.progress import told_progress
+from obsdesign.cli.verb import JOBS, QUIET, SCENARIO, SEED, Argument, Outcome, Verb, out_argument
 from obsdesign.cli.verbs.export import AUTOPILOT, EVERY, TOLERANCE, export_lines, formats_type
 from obsdesign.errors import ExitCode
 from obsdesign.interrupts import process_pool
@@ -32,16 +31,12 @@ def run_scenario(options: Namespace) -> Outcome:
     require_writable(folder)
     settings = _export_settings(options, scenario)
 
-    from rich.console import Console
-
     from obsdesign.report.folder import write_report
     from obsdesign.report.terminal import summary_of
     from obsdesign.study.runner import run
 
-    errors = Console(stderr=True, highlight=False)
-    silent = options.quiet or not sys.stderr.isatty()
-    with process_pool(options.jobs) as executor:
-        study = run(scenario, options.seed, executor, None if silent else errors.print)
+    with process_pool(options.jobs) as executor, told_progress(options.quiet) as progress:
+        study = run(scenario, options.seed, executor, progress)
     exports = _exports(options, settings, study, folder)
     study = replace(study, way_points=tuple(done.thinned for done in exports if done.thinned is not None))
     result = write_report(folder, study)
@@ -80,13 +75,6 @@ def _missed_expectations(result: Result) -> tuple[str, ...]:
     )
 
 
-JOBS = Argument(
-    "--jobs",
-    "processes (default: %(default)s); the answer does not depend on it",
-    read=whole_number_type(1),
-    default=os.cpu_count() or 1,
-    variable="NUMBER",
-)
 EXPORT = Argument("--export", "also write the path as ..., such as plan,kml; see export", formats_type, (), variable="FORMATS")
 FILES = "report.html, result.json, trajectory.csv, schedule.csv"
 VERB = Verb(
