@@ -15,7 +15,7 @@ _WIDTH = 100
 
 
 @contextmanager
-def told_progress(quiet: bool) -> Iterator[Callable[[str], None] | None]:
+def progress_teller(quiet: bool) -> Iterator[Callable[[str], None] | None]:
     """Yield what tells of progress on stderr; None where nobody looks: no terminal there, or asked to be quiet."""
     yield None if quiet or not sys.stderr.isatty() else ProgressLines(lambda line: print(line, file=sys.stderr, flush=True))
 

@@ -90,7 +90,7 @@ def _pairs(first: Mapping[str, _Numbered], second: Mapping[str, _Numbered]) -> I
 
 def changes_table(comparison: Comparison, names: tuple[str, str]) -> Table:
     """Return what changed in the question as a table."""
-    rows = [(change.key, _written(change.first), _written(change.second)) for change in comparison.changes]
+    rows = [(change.key, _json_text(change.first), _json_text(change.second)) for change in comparison.changes]
     return tabulate("Keys", "", tuple(map(TableColumn, ("key", *names))), rows)
 
 
@@ -114,7 +114,7 @@ def _number(value: float) -> str:
     return "–" if math.isnan(value) else numeral(value, 4)
 
 
-def _written(value: object) -> str:
+def _json_text(value: object) -> str:
     return "–" if value is None else json.dumps(value, ensure_ascii=False, default=str)
 
 

@@ -6,7 +6,7 @@ from argparse import Namespace
 from typing import TYPE_CHECKING, Any
 
 from obsdesign.cli.folders import require_writable, scenario_file
-from obsdesign.cli.progress import told_progress
+from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import JOBS, QUIET, SCENARIO, SEED, Outcome, Verb, out_argument
 from obsdesign.errors import ExitCode
 from obsdesign.interrupts import process_pool
@@ -29,7 +29,7 @@ def design(options: Namespace) -> Outcome:
     from obsdesign.study.single_answers import design_paths
 
     seed = scenario.seed if options.seed is None else options.seed
-    with process_pool(options.jobs) as executor, told_progress(options.quiet) as progress:
+    with process_pool(options.jobs) as executor, progress_teller(options.quiet) as progress:
         designs = design_paths(scenario, seed, executor, progress)
     names = scenario.sensor_names
     document = {"scenario": str(file), "seed": seed, "designs": {"+".join(suite): _document(each) for suite, each in designs.items()}}

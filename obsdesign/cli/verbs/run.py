@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from obsdesign.cli.folders import require_writable, scenario_file
-from obsdesign.cli.progress import told_progress
+from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import JOBS, QUIET, SCENARIO, SEED, Argument, Outcome, Verb, out_argument
 from obsdesign.cli.verbs.export import AUTOPILOT, EVERY, TOLERANCE, export_lines, formats_type
 from obsdesign.errors import ExitCode
@@ -35,7 +35,7 @@ def run_scenario(options: Namespace) -> Outcome:
     from obsdesign.report.terminal import summary_of
     from obsdesign.study.runner import run
 
-    with process_pool(options.jobs) as executor, told_progress(options.quiet) as progress:
+    with process_pool(options.jobs) as executor, progress_teller(options.quiet) as progress:
         study = run(scenario, options.seed, executor, progress)
     exports = _exports(options, settings, study, folder)
     study = replace(study, way_points=tuple(done.thinned for done in exports if done.thinned is not None))

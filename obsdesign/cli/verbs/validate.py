@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from obsdesign.cli.folders import scenario_file
-from obsdesign.cli.progress import told_progress
+from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import JOBS, QUIET, SCENARIO, SEED, Argument, Outcome, Verb
 from obsdesign.errors import ExitCode
 from obsdesign.interrupts import process_pool
@@ -31,7 +31,7 @@ def validate(options: Namespace) -> Outcome:
     schedule_file = _schedule_file(options.along, options.schedule)
     segments = None if schedule_file is None else read_schedule_csv(schedule_file, scenario.sensor_names)
     seed = scenario.seed if options.seed is None else options.seed
-    with process_pool(options.jobs) as executor, told_progress(options.quiet) as progress:
+    with process_pool(options.jobs) as executor, progress_teller(options.quiet) as progress:
         if options.along is None:
             name, path = path_to_validate(scenario, seed, executor, progress)
         else:
