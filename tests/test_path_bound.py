@@ -12,8 +12,10 @@ from gram_vectors import gram_vectors, shortfalls
 import obsdesign as od
 from benchmarks.missions import mission, plateau
 from obsdesign.design.path_bound.arcs import arcs_of
+from obsdesign.design.path_bound.motion import motion_of
 from obsdesign.design.path_bound.proof import path_bound_of
 from obsdesign.design.path_bound.relaxation import relaxation_of
+from obsdesign.design.path_bound.sample_bounds import nearest_distances
 
 ROUNDING = 1e-13  # of squares of vectors of length 1
 
@@ -282,6 +284,32 @@ def test_without_a_bound_there_is_a_reason_and_the_status_is_local():
     assert "StandOff" in design.proof.reason
     with pytest.raises(od.InputError, match="no bound"):
         od.check_path_bound(design.problem, od.PathCertificate())
+
+
+def test_a_beacon_is_no_nearer_than_one_can_fly_to_it_and_on_to_the_goal():
+    beacon = (30.0, 40.0)
+    problem = short_mission(
+        system=od.System(od.Dubins(2.0, wind="constant"), (od.Bearing(beacon, 0.1), od.GPS(3.0))),
+        constraints=(replace(GOAL, tolerance=4.0),),
+    )
+    nearest = nearest_distances(problem, motion_of(problem), beacon)
+    assert nearest.min() > 10  # so that the bearing has a bound without a StandOff
+    design = od.design_trajectory(problem, starts=2)
+    assert design.value <= design.bound < np.inf
+    path = design.trajectory
+    assert (np.hypot(*(path.x[:-1, :2] - beacon).T) >= nearest).all()
+
+
+def test_where_the_relaxation_proves_no_more_the_bound_is_that_of_positions_alone():
+    # a heading that is as good as known, and ranges in still water: positions at best, whatever the path
+    swimmer = od.System(od.Dubins(2.0), (od.Range((900.0, 0.0), 1.0), od.Magnetometer(1e-6)))
+    problem = short_mission(system=swimmer, start=(3.0, -2.0, 0.4), scale=(1.0, 1.0, 1.0))
+    proof = path_bound_of(problem)
+    assert proof.certificate.multipliers == ()
+    assert proof.bound == pytest.approx(36)  # samples of variance 1, if each saw both coordinates
+    assert od.check_path_bound(problem, proof.certificate) == proof.bound
+    with pytest.raises(od.InputError, match="no bound"):
+        od.check_path_bound(problem, od.PathCertificate())
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from obsdesign.display import AbstractDisplay, Summary, number
 class PathCertificate:
     """Numbers from which `check_path_bound` proves a bound without a solver; all of them plain, so that a file can hold them.
 
-    Without multipliers the bound is the cap, what no path changes.
+    Without multipliers the bound is the cap, what no path changes; with lengths that of sensors as good as the relaxation takes them for.
     """
 
     level: float = 0.0

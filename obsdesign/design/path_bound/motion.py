@@ -19,6 +19,7 @@ from obsdesign.vehicles.dubins import Dubins
 from obsdesign.vehicles.omnidirectional import Omnidirectional
 from obsdesign.vehicles.unicycle import Unicycle
 
+_FINE_HALF_TURN, _FEW_PIECES = 0.35, 72  # [rad]: pieces that turn by more are taken apart while there are no more than so many
 _SLACK = 1e-5  # of a limit's size, by which paths may miss it and still count as keeping it
 
 
@@ -96,15 +97,18 @@ def held_lengths(problem: DesignProblem) -> tuple[int, ...]:
 
 
 def _divide(problem: DesignProblem, held: tuple[int, ...]) -> tuple[int, ...]:
-    """Pieces, taken apart where one might turn by more than half a circle."""
-    turn = max(abs(value) for value in problem.bounds.get("turn_rate", (0.0, 0.0)))
-    longest = max(1, int(LARGEST_HALF_TURN * 2 / (turn * problem.step))) if turn > 0 else max(held)
-    return tuple(part for steps in held for part in split(steps, -(-steps // longest)))
+    """Pieces, taken apart where one might turn by more than half a circle, or where the bound gains and few pieces remain few."""
+    half_turns = [max(map(abs, problem.bounds.get("turn_rate", (0.0, 0.0)))) * steps * problem.step / 2 for steps in held]
+    for largest in (_FINE_HALF_TURN, LARGEST_HALF_TURN):
+        parts = [split(steps, int(np.ceil(half_turn / largest))) for steps, half_turn in zip(held, half_turns, strict=True)]
+        if sum(map(len, parts)) <= _FEW_PIECES:
+            break
+    return tuple(length for part in parts for length in part)
 
 
 def split(steps: int, parts: int) -> tuple[int, ...]:
     """Return so many nearly equal parts, fewer where there are fewer steps."""
-    parts = min(parts, steps)
+    parts = max(1, min(parts, steps))
     return tuple((steps * (i + 1)) // parts - (steps * i) // parts for i in range(parts))
 
 

@@ -20,6 +20,7 @@ _TOLERANCE = 3e-5  # relative, to which the least level is looked for
 _FIRST_RAISE, _RAISES = 1e-7, 16  # relative rise of a level until its proof goes through with rounding; doublings of it
 _MOST_PIECES = 200  # of a Gram matrix: its solve takes some K^3
 _CAP_ROUNDING = 1 + 1e-12
+_NO_MORE = "the relaxation proves no more than what no path changes"
 _ALL_PATHS = "all paths that the problem allows"
 
 
@@ -34,7 +35,8 @@ def path_bound_of(problem: DesignProblem, value: float = np.nan, lengths: tuple[
         return cap
     try:
         with one_thread(), np.errstate(all="ignore"):
-            return min(cap, _relaxed_bound(problem, value, lengths), key=lambda each: each.bound)
+            relaxed = _relaxed_bound(problem, value, lengths)
+            return replace(cap, reason=_NO_MORE) if cap.bound <= relaxed.bound else relaxed
     except (InputError, np.linalg.LinAlgError, ArithmeticError) as error:
         return replace(cap, reason=str(error))
 
@@ -48,13 +50,15 @@ def check_path_bound(problem: DesignProblem, certificate: PathCertificate) -> fl
         certificate: `design.proof.certificate`, or one read from a file.
     Raises InputError where the certificate proves nothing about this problem.
     """
-    if not certificate.multipliers:
+    if not certificate.lengths:
         bound = _cap_bound(problem).bound
         if not np.isfinite(bound):
             raise InputError("certificate: has no multipliers, and there is nothing that no path changes: it proves no bound")
         return bound
     with one_thread(), np.errstate(all="ignore"):
-        relaxation = relaxation_of(problem, tuple(certificate.lengths))
+        relaxation = _relaxation(problem, tuple(certificate.lengths))
+        if not certificate.multipliers and np.isfinite(relaxation.form.largest_level):
+            return relaxation.form.largest_level * _CAP_ROUNDING
         multipliers, wanted = np.array(certificate.multipliers), len(relaxation.constraints.limits)
         if len(multipliers) != wanted:
             raise InputError(f"certificate: has {len(multipliers)} multipliers: must be {wanted}, one for each constraint of this problem")
@@ -76,18 +80,26 @@ def _cap_bound(problem: DesignProblem) -> PathBound:
 
 def _relaxed_bound(problem: DesignProblem, value: float, lengths: tuple[int, ...] | None) -> PathBound:
     """The bound by the relaxation; raises InputError with the reason where there is none."""
-    if problem.prices or problem.robust is not None:
-        raise InputError("the path is judged by more than the information about one start")
-    relaxation = relaxation_of(problem, lengths)
-    motion = relaxation.motion
+    relaxation = _relaxation(problem, lengths)
+    motion, top = relaxation.motion, relaxation.form.largest_level
     if len(motion.lengths) > _MOST_PIECES:
         raise InputError(f"the path has {len(motion.lengths)} pieces: the relaxation takes at most {_MOST_PIECES}")
+    left_out = tuple(dict.fromkeys((*motion.left_out, *relaxation.samples.left_out, *_left_out_scales(problem))))
     proof = _proof(relaxation, value)
-    if proof is None:
-        raise InputError("the relaxation proves no more than what no path changes")
-    certificate = PathCertificate(proof.level, proof.share, motion.lengths, tuple(proof.multipliers.tolist()))
-    left_out = (*motion.left_out, *relaxation.samples.left_out, *_left_out_scales(problem))
-    return PathBound(relaxation.value_of(proof.level, proof.share), certificate, motion.in_words, tuple(dict.fromkeys(left_out)))
+    if proof is not None:
+        certificate = PathCertificate(proof.level, proof.share, motion.lengths, tuple(proof.multipliers.tolist()))
+        return PathBound(relaxation.value_of(proof.level, proof.share), certificate, motion.in_words, left_out)
+    if not np.isfinite(top):
+        raise InputError(_NO_MORE)
+    # what position and wind alone could be known to, were every sensor as good as it is taken for
+    return PathBound(top * _CAP_ROUNDING, PathCertificate(lengths=motion.lengths), motion.in_words, left_out, _NO_MORE)
+
+
+def _relaxation(problem: DesignProblem, lengths: tuple[int, ...] | None) -> GramRelaxation:
+    """The relaxation; raises InputError with the reason where there is none."""
+    if problem.prices or problem.robust is not None:
+        raise InputError("the path is judged by more than the information about one start")
+    return relaxation_of(problem, lengths)
 
 
 def _proof(relaxation: GramRelaxation, value: float) -> DualPoint | None:

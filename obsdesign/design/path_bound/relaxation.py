@@ -145,5 +145,6 @@ def relaxation_of(problem: DesignProblem, lengths: tuple[int, ...] | None = None
 
     Raises InputError with the reason where there is none.
     """
-    motion, samples = motion_of(problem, lengths), sample_bounds_of(problem)
+    motion = motion_of(problem, lengths)
+    samples = sample_bounds_of(problem, motion)
     return GramRelaxation(motion, samples, information_form(problem, motion, samples), gram_constraints(motion))

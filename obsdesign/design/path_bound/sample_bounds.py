@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from obsdesign.constraints.stand_off import StandOff
+from obsdesign.design.path_bound.motion import AllowedMotion
 from obsdesign.design.problem import DesignProblem
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
@@ -16,7 +17,9 @@ from obsdesign.sensors.bearing import Bearing
 from obsdesign.sensors.gps import GPS
 from obsdesign.sensors.magnetometer import Magnetometer
 from obsdesign.sensors.range import Range
+from obsdesign.signals import Point
 
+_LEAST_MIX = 0.01  # of a bearing's direction and heading
 _UP = 1 + 1e-13  # what a few roundings make of a product at most
 
 
@@ -34,25 +37,79 @@ class SampleBounds:
     left_out: tuple[str, ...]
 
 
-def sample_bounds_of(problem: DesignProblem) -> SampleBounds:
+def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBounds:
     """Return the weights; raises InputError with the reason where a sensor has no such bound."""
-    system, steps = problem.system, problem.steps
+    system = problem.system
     if not isinstance(system, System):
         raise InputError("the system is none of the ready-made ones")
-    amounts = _amounts(problem, system)
-    positions, headings, left_out = np.zeros(steps), np.zeros(steps), []
-    for s, (name, sensor) in enumerate(zip(system.sensor_names, system.sensors, strict=True)):
-        precision, words = _precision(system, name, sensor)
-        position, heading, more_words = _outer_rows(problem, name, sensor)
-        positions += amounts[:, s] * (precision * position)
-        headings += amounts[:, s] * (precision * heading)
-        left_out += [*words, *more_words]
     known = _diagonal_above(np.asarray(problem.known))
-    wind = known[3:5].max() if len(known) > 3 else 0.0
+    amounts, readings, left_out = _amounts(problem, system), [], []
+    for s, (name, sensor) in enumerate(zip(system.sensor_names, system.sensors, strict=True)):
+        distances = None if sensor.landmark is None else nearest_distances(problem, motion, sensor.landmark)
+        precision, words = _precision(system, name, sensor, distances)
+        reading = _reading(sensor, amounts[:, s] * precision, distances)
+        readings.append(reading)
+        left_out += [*words, *([] if sensor.landmark is None else [f"that {name} sees one direction at a time, and how far the beacon is"])]
+    plain = sum((reading.position for reading in readings if reading.landmark is None), np.zeros(problem.steps))
+    positions, heading = _joined(readings, plain, problem.steps)
     if np.count_nonzero(np.asarray(problem.known) - np.diag(np.diag(np.asarray(problem.known)))):
         left_out.append("what is known of one state with another")
-    heading = (float(headings.sum()) + known[2]) * _UP * (1 + steps * 1e-15)
-    return SampleBounds(positions * _UP, heading, float(known[:2].max()) * _UP, float(wind) * _UP, tuple(left_out))
+    return SampleBounds(
+        positions * _UP,
+        (heading + known[2]) * _UP * (1 + problem.steps * 1e-15),
+        float(known[:2].max()) * _UP,
+        (float(known[3:5].max()) if len(known) > 3 else 0.0) * _UP,
+        tuple(left_out),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """What the samples of one sensor say: of positions in every direction, along or across the line of sight (N,), of the heading (N,).
+
+    mixed: whether what is across and the heading come as one number, (e / r, -1).
+    """
+
+    landmark: Point | None
+    position: np.ndarray
+    along: np.ndarray
+    across: np.ndarray
+    heading: np.ndarray
+    is_mixed: bool = False
+
+
+def _reading(sensor: AbstractSensor, precision: np.ndarray, distances: np.ndarray | None) -> _Reading:
+    none = np.zeros_like(precision)
+    if distances is None:
+        is_position = isinstance(sensor, GPS)
+        return _Reading(None, precision if is_position else none, none, none, none if is_position else precision)
+    if isinstance(sensor, Range):
+        return _Reading(sensor.landmark, none, precision, none, none)
+    if (precision[distances <= 0] > 0).any():
+        raise InputError(
+            "a path may come as near to the beacon as it likes, where a bearing's information has no limit: a StandOff gives it one"
+        )
+    across = precision / np.where(distances > 0, distances, 1.0) ** 2
+    return _Reading(sensor.landmark, none, none, across, precision, is_mixed=True)
+
+
+def _joined(readings: list[_Reading], plain: np.ndarray, steps: int) -> tuple[np.ndarray, float]:
+    """Weights of positions (N,) and of the heading that all readings together do not exceed.
+
+    a r r' + b e e' <= max(a, b) I for what is along and across the line of sight to one beacon. A bearing is
+    (e / r, -1)(e / r, -1)' <= diag((1 + 1 / m) e e' / r^2, 1 + m) for every m > 0: small where others see the position better.
+    """
+    positions, heading = plain.copy(), 0.0
+    across, along = sum(float(each.across.sum()) for each in readings), sum(float(each.along.sum()) for each in readings)
+    total = float(plain.sum()) + along + across
+    m = float(np.clip(np.sqrt(across / total), _LEAST_MIX, 1.0)) if total > 0 else 1.0
+    for landmark in dict.fromkeys(each.landmark for each in readings if each.landmark is not None):
+        here = [each for each in readings if each.landmark == landmark]
+        radial, tangential = (sum((getattr(each, side) for each in here), np.zeros(steps)) for side in ("along", "across"))
+        positions += np.maximum(radial, (1 + 1 / m) * tangential)
+    for each in readings:
+        heading += float(each.heading.sum()) * (1 + m if each.is_mixed else 1.0)
+    return positions, heading
 
 
 def _amounts(problem: DesignProblem, system: System) -> np.ndarray:
@@ -65,24 +122,26 @@ def _amounts(problem: DesignProblem, system: System) -> np.ndarray:
     return sampling * np.repeat(np.where(is_white, weights, weights > 0), problem.steps // len(weights), axis=0)
 
 
-def _precision(system: System, name: str, sensor: AbstractSensor) -> tuple[float, list[str]]:
+def _precision(system: System, name: str, sensor: AbstractSensor, distances: np.ndarray | None) -> tuple[np.ndarray | float, list[str]]:
     """What 1 / variance of a sample is at most where errors were independent, and what of the noise that leaves out.
 
     R >= R without the constant error >= (1 - correlation) / (1 + correlation) of the variances, and joint errors with the matrix of
-    correlations C: R^-1 <= D^-2 / lambda_min(C), D the diagonal of standard deviations.
+    correlations C: R^-1 <= D^-2 / lambda_min(C), D the diagonal of standard deviations. What grows with the distance is at its least.
     """
     if not isinstance(sensor, GPS | Magnetometer | Range | Bearing):
         raise InputError(f"{name}: no bound is known for a {type(sensor).__name__}")
     words = [f"the constant error of {name}"] if sensor.bias_floor else []
     words += [f"how errors of {name} belong together in time"] if sensor.correlation else []
-    share = (1 - sensor.correlation) / (1 + sensor.correlation)
-    sigma = sensor.sigma
+    share, variance = (1 - sensor.correlation) / (1 + sensor.correlation), np.asarray(sensor.sigma**2)
+    if isinstance(sensor, Range | Bearing) and distances is not None:
+        variance = variance + (sensor.sigma_per_metre * distances) ** 2
+        words += [f"that samples of {name} may fail to arrive"] if sensor.max_range or sensor.field_of_view else []
     for names, R in system.joint_noise.items():
         if name in names:
-            sigma, least = _joint_spread(system, names, np.asarray(R), name)
-            share *= least
+            spread, least = _joint_spread(system, names, np.asarray(R), name)
+            share, variance = share * least, np.asarray(spread**2)
             words.append(f"how errors of {', '.join(names)} belong together")
-    return _UP / (share * (sensor.inflation * sigma) ** 2), words
+    return _UP / (share * sensor.inflation**2 * variance), words
 
 
 def _joint_spread(system: System, names: tuple[str, ...], R: np.ndarray, name: str) -> tuple[float, float]:
@@ -96,31 +155,22 @@ def _joint_spread(system: System, names: tuple[str, ...], R: np.ndarray, name: s
     return float(spreads[owner == name].min()), least
 
 
-def _outer_rows(problem: DesignProblem, name: str, sensor: AbstractSensor) -> tuple[float, float, list[str]]:
-    """What a sample says of position and heading at most, for errors of variance 1.
+def nearest_distances(problem: DesignProblem, motion: AllowedMotion, landmark: Point) -> np.ndarray:
+    """How near a path may be to a landmark at each of the N samples [m], from below: a StandOff, and how far it can come since the start.
 
-    Range: r r' <= I. Bearing: with e across the line of sight and the distance r, (e / r, -1)(e / r, -1)' <= 2 diag(I / r^2, 1).
+    From a known start |landmark - start - wind t| - speed t, to the goal |landmark - goal + wind (T - t)| - speed (T - t) - tolerance.
     """
-    if isinstance(sensor, GPS):
-        return 1.0, 0.0, []
-    if isinstance(sensor, Magnetometer):
-        return 0.0, 1.0, []
-    words = [f"that {name} sees one direction at a time"]
-    if isinstance(sensor, Range):
-        return 1.0, 0.0, words
-    nearest = _nearest(problem, sensor)
-    return 2.0 / nearest**2, 2.0, [*words, f"that {name} is rarely as near as {nearest:g} m"]
-
-
-def _nearest(problem: DesignProblem, sensor: AbstractSensor) -> float:
-    """How near a path may come to what the sensor looks at [m]."""
-    distances = [0.0]
+    t = np.arange(problem.steps) * problem.step
+    wind = problem.x0[3:5] if len(problem.x0) > 3 else np.zeros(2)
+    offset = np.asarray(landmark) - problem.x0[:2] - t[:, None] * wind
+    nearest = np.hypot(*offset.T) - motion.speed * t
+    for end in motion.ends:
+        nearest = np.maximum(nearest, np.hypot(*(offset - end.point).T) - motion.speed * (motion.steps * problem.step - t) - end.radius)
+    nearest -= 1e-9 * (np.abs(offset).max() + motion.speed * problem.duration)
     for limit in problem.constraints:
-        if isinstance(limit, StandOff) and sensor.landmark in (limit.landmarks or problem.system.model.landmarks):
-            distances.append(limit.distance * (1 - 1e-5))
-    if max(distances) <= 0:
-        raise InputError("a bearing has no bound without a StandOff: its information grows without limit near the beacon")
-    return max(distances)
+        if isinstance(limit, StandOff) and landmark in (limit.landmarks or problem.system.model.landmarks):
+            nearest = np.maximum(nearest, limit.distance * (1 - 1e-5))
+    return np.maximum(nearest, 0.0)
 
 
 def _diagonal_above(J: np.ndarray) -> np.ndarray:
