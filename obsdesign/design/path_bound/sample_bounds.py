@@ -166,7 +166,7 @@ def nearest_distances(problem: DesignProblem, motion: AllowedMotion, landmark: P
     nearest = np.hypot(*offset.T) - motion.speed * t
     for end in motion.ends:
         nearest = np.maximum(nearest, np.hypot(*(offset - end.point).T) - motion.speed * (motion.steps * problem.step - t) - end.radius)
-    nearest -= 1e-9 * (np.abs(offset).max() + motion.speed * problem.duration)
+    nearest -= 1e-9 * (np.abs(offset).max() + motion.speed * problem.longest)
     for limit in problem.constraints:
         if isinstance(limit, StandOff) and landmark in (limit.landmarks or problem.system.model.landmarks):
             nearest = np.maximum(nearest, limit.distance * (1 - 1e-5))
