@@ -9,8 +9,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from obsdesign.design.path_bound.relaxation import GramRelaxation, Threshold
 
-_SHRINK, _NEWTON_STEPS, _STAGES = 0.2, 50, 40  # of the barrier; Newton steps at one size of it; sizes
-_CENTRED = 1.0  # Newton decrement at which the barrier shrinks
+_SHRINK, _NEWTON_STEPS, _STAGES = 0.2, 100, 40  # of the barrier; Newton steps at one size of it; sizes
+_CENTRED = 0.3  # Newton decrement at which the barrier shrinks
 _TURNS, _ROUGH, _SETTLED = 12, 3e-3, 0.02  # levels in turns; tolerance of those before the last; relative change at which the next is last
 _ABSOLUTE = 1e-5  # times the form's norm: below it |y| is round
 _DOMINANT = 100.0  # times the form's norm: where multipliers of headings and ends begin at least; small ones stall
