@@ -51,7 +51,7 @@ def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBou
         readings.append(reading)
         left_out += [*words, *([] if sensor.landmark is None else [f"that {name} sees one direction at a time, and how far the beacon is"])]
     plain = sum((reading.position for reading in readings if reading.landmark is None), np.zeros(problem.steps))
-    positions, heading = _joined(readings, plain, problem.steps)
+    positions, heading = _outer_weights(readings, plain, problem.steps)
     if np.count_nonzero(np.asarray(problem.known) - np.diag(np.diag(np.asarray(problem.known)))):
         left_out.append("what is known of one state with another")
     return SampleBounds(
@@ -93,7 +93,7 @@ def _reading(sensor: AbstractSensor, precision: np.ndarray, distances: np.ndarra
     return _Reading(sensor.landmark, none, none, across, precision, is_mixed=True)
 
 
-def _joined(readings: list[_Reading], plain: np.ndarray, steps: int) -> tuple[np.ndarray, float]:
+def _outer_weights(readings: list[_Reading], plain: np.ndarray, steps: int) -> tuple[np.ndarray, float]:
     """Weights of positions (N,) and of the heading that all readings together do not exceed.
 
     a r r' + b e e' <= max(a, b) I for what is along and across the line of sight to one beacon. A bearing is
