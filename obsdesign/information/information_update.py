@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from obsdesign.information.householder import triangular_factor
+from obsdesign.information.householder import solve, triangular_factor
 from obsdesign.information.input_exchange import deflate, exchange_inputs, largest_entry
 
 _EPS = float(np.finfo(float).eps)
@@ -148,7 +148,7 @@ def predict(
     """
     noise = scale * ca.sparsify(ca.SX(ca.DM(disturbance.L)))
     if not disturbance.unknown:
-        return root.transform(ca.solve(F, ca.SX.eye(F.shape[0]))).add_noise(noise)
+        return root.transform(solve(F, ca.SX.eye(F.shape[0]))).add_noise(noise)
     root = root.scale(unit).without_residues()
     exchange = exchange_inputs(*in_units(F, B_w[:, list(disturbance.unknown)], unit), root.rounding)
     for column in range(exchange.Q.shape[1]):

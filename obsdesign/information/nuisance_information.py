@@ -9,6 +9,7 @@ import numpy as np
 
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates
+from obsdesign.information.householder import solve
 from obsdesign.information.information_update import Disturbance, InformationRoot, in_units
 from obsdesign.information.input_exchange import exchange_inputs
 
@@ -118,7 +119,7 @@ def predict_with_errors(
     noise = ca.vertcat(ca.SX(c, disturbance.L.shape[1]), scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
     transition, all_units = ca.diagcat(ca.SX.eye(c), F), ca.vertcat(ca.SX.ones(c), unit)
     if not disturbance.unknown:
-        X = ca.solve(transition, ca.SX.eye(c + F.shape[0]))
+        X = solve(transition, ca.SX.eye(c + F.shape[0]))
         return _add_noise_with_errors(root.transform(X), ErrorDistribution(errors.M @ X, errors.V), noise)
     input_columns = ca.vertcat(ca.SX(c, B_w.shape[1]), B_w)[:, list(disturbance.unknown)]
     root, M, V = root.scale(all_units).without_residues(), errors.M @ ca.diag(all_units), errors.V
