@@ -97,7 +97,7 @@ def _common_verdict(first: Verdict, second: Verdict, doubtful: Iterable[tuple[fl
         decided=False,
         stopped_by="precision",
         hidden=f"not decided, not seen so far: {lower.hidden.removeprefix('not decided, not seen so far: ')}",
-        proof=f"at least {lower.dimension} of {n}; not decided: {difference}",
+        proof=f"not decided: {difference}",
     )
 
 
