@@ -16,6 +16,7 @@ from obsdesign.exchange.czml import attitude, heading_of
 from obsdesign.exchange.formats import FORMATS, format_of, read_track, write_track
 from obsdesign.exchange.geodesy import geodetic, local
 from obsdesign.exchange.track import GeodeticOrigin, SensorTimes, Track, compass_degrees, from_compass
+from obsdesign.geodesy import TangentPlane
 
 ZURICH = GeodeticOrigin(47.397742, 8.545594, 488.0)
 TRACKS = [word for word in FORMATS if not format_of(word).is_mission]
@@ -143,7 +144,37 @@ def test_places_come_back_everywhere_on_earth(place):
     np.testing.assert_allclose(again, position, atol=1e-6)
 
 
+def test_seen_from_a_pole_places_lie_where_the_normals_of_the_ellipsoid_meet_the_plane():
+    """Closed form: p = (N cos phi, N (1 - e^2) sin phi), normal (cos phi, sin phi), plane z = b: at b cot phi + N e^2 cos phi."""
+    a, b, phi = 6378137.0, 6378137.0 * (1 - 1 / 298.257223563), np.radians([89.99, 89.0, 60.0, 20.0])
+    squared = 1 - (b / a) ** 2
+    distance = b / np.tan(phi) + a / np.sqrt(1 - squared * np.sin(phi) ** 2) * squared * np.cos(phi)
+    for longitude in (0.0, 130.0):
+        places = TangentPlane(90.0, 0.0).to_metres(np.degrees(phi), np.full(4, longitude))
+        np.testing.assert_allclose(np.hypot(*places.T), distance, rtol=1e-12, atol=1e-8)
+        np.testing.assert_allclose(TangentPlane(90.0, 0.0).to_degrees(places[:2])[:, 0], np.degrees(phi[:2]), atol=1e-11)
+
+
+def test_a_path_that_is_flown_is_read_from_its_log_where_it_was_designed(tmp_path):
+    """Places as files have them, 10 km about an origin 488 m up, mapped back by a map of topics: to 1e-6 m, at any height."""
+    random = np.random.default_rng(1)
+    position = np.column_stack([random.uniform(-1e4, 1e4, (50, 2)), random.uniform(0, 500, 50)])
+    places = geodetic(Track(np.arange(50.0), position, origin=ZURICH), "test")
+    rows = [",".join(map(repr, row)) for row in np.column_stack([np.arange(50.0), places]).tolist()]
+    (tmp_path / "flight.csv").write_text("\n".join(["t [s],lat,lon,alt", *rows]) + "\n")
+    (tmp_path / "map.toml").write_text(
+        '[truth]\nposition = { topic = "table", fields = ["lat", "lon"], geodetic = true }\n'
+        '[sensors]\ngps = { topic = "table", fields = ["lat", "lon"], geodetic = true }\n'
+        '[inputs]\nspeed = { topic = "table", field = "alt" }\nturn_rate = { topic = "table", field = "alt" }\n'
+        f"[origin]\nlatitude = {ZURICH.latitude}\nlongitude = {ZURICH.longitude}\n"
+    )
+    log = od.read_log(tmp_path / "flight.csv", od.System(od.Unicycle(), (od.GPS(1.0),)), tmp_path / "map.toml")
+    np.testing.assert_allclose(log.samples.y, position[:, :2], rtol=0, atol=1e-6)
+
+
 def test_places_off_the_earth_and_far_paths_are_refused():
+    with pytest.raises(od.InputError, match=r"point 1, latitude -47 deg, longitude 188 deg, is 12\d{3}.* km from the origin"):
+        TangentPlane(47.0, 8.0).to_metres(np.array([47.0, -47.0]), np.array([8.0, 188.0]))
     one = np.array([1.0])
     with pytest.raises(od.InputError, match=r"latitude of point 0 is .*100"):
         local(100 * one, one, one, None)

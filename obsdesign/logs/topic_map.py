@@ -13,8 +13,8 @@ import numpy as np
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import Model
 from obsdesign.errors import InputError
+from obsdesign.geodesy import TangentPlane
 from obsdesign.logs.csv_tables import signals_of
-from obsdesign.logs.geodesy import Origin3D
 from obsdesign.logs.recording import Recording, Topic
 from obsdesign.logs.series import TRUTH, FileContents, Series
 from obsdesign.logs.units import factor_of
@@ -45,7 +45,7 @@ class TopicMap:
 
     file: Path
     entries: Mapping[str, Mapping[str, Any]]
-    origin: Origin3D | None
+    origin: TangentPlane | None
 
 
 def load_topic_map(file: Path) -> TopicMap:
@@ -67,14 +67,16 @@ def load_topic_map(file: Path) -> TopicMap:
     return TopicMap(file, entries, _origin(file, document.get("origin")))
 
 
-def _origin(file: Path, table: Any) -> Origin3D | None:  # noqa: ANN401  # what TOML may hold
+def _origin(file: Path, table: Any) -> TangentPlane | None:  # noqa: ANN401  # what TOML may hold
     if table is None:
         return None
-    require_known(f"{file}: origin", list(table), ("latitude", "longitude", "height"))
+    require_known(f"{file}: origin", list(table), ("latitude", "longitude"))
     try:
-        return Origin3D(float(table["latitude"]), float(table["longitude"]), float(table.get("height", 0.0)))
+        origin = TangentPlane(float(table["latitude"]), float(table["longitude"]))
     except (KeyError, TypeError, ValueError):
-        raise InputError(f"{file}: origin is {table!r}: must be latitude and longitude [deg], perhaps height [m]") from None
+        raise InputError(f"{file}: origin is {table!r}: must be latitude and longitude [deg]") from None
+    _require_degrees(f"{file}: origin", np.array([origin.latitude]), np.array([origin.longitude]))
+    return origin
 
 
 def map_topics(recording: Recording, topic_map: TopicMap, model: Model) -> FileContents:
@@ -85,12 +87,12 @@ def map_topics(recording: Recording, topic_map: TopicMap, model: Model) -> FileC
     return FileContents(recording.file, tuple(series), recording.epoch, notes)
 
 
-def _first_position(recording: Recording, topic_map: TopicMap) -> Origin3D | None:
+def _first_position(recording: Recording, topic_map: TopicMap) -> TangentPlane | None:
     for name, entry in topic_map.entries.items():
         if entry.get("geodetic"):
             picked = _pick(recording, topic_map, name, entry)
-            latitude, longitude = (float(column[0]) for column in _geodetic(topic_map, name, entry, picked)[:2])
-            return Origin3D(latitude, longitude)
+            latitude, longitude = (float(column[0]) for column in _geodetic(topic_map, name, entry, picked))
+            return TangentPlane(latitude, longitude)
     return None
 
 
@@ -130,7 +132,7 @@ def _chosen(topic: Topic, where: Mapping[str, float], columns: Sequence[np.ndarr
 
 
 def _series(
-    recording: Recording, topic_map: TopicMap, model: Model, name: str, entry: Mapping[str, Any], origin: Origin3D | None
+    recording: Recording, topic_map: TopicMap, model: Model, name: str, entry: Mapping[str, Any], origin: TangentPlane | None
 ) -> list[Series]:
     picked = _pick(recording, topic_map, name, entry)
     place, is_increment = f"{topic_map.file}: {name}", bool(entry.get("increment", False))
@@ -153,12 +155,11 @@ def _series(
     ]
 
 
-def _values(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _Picked, origin: Origin3D | None) -> np.ndarray:
+def _values(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _Picked, origin: TangentPlane | None) -> np.ndarray:
     """Return the numbers (K, c): metres of geodetic positions, yaw [rad] of quaternions (w, x, y, z), else as they are."""
     place = f"{topic_map.file}: {name}"
     if entry.get("geodetic"):
-        latitude, longitude = _geodetic(topic_map, name, entry, picked)[:2]
-        return (origin or Origin3D(0.0, 0.0)).to_local(f"{place} ({picked.where})", latitude, longitude, (origin or Origin3D(0, 0)).height)
+        return _metres(f"{place} ({picked.where})", *_geodetic(topic_map, name, entry, picked), origin)
     if entry.get("quaternion"):
         if len(picked.columns) != 4:
             raise InputError(f"{place}: quaternion needs four fields, w, x, y, z")
@@ -173,10 +174,28 @@ def _values(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _P
     return (values @ np.array(weights, dtype=float))[:, None]
 
 
-def _geodetic(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _Picked) -> list[np.ndarray]:
+def _geodetic(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _Picked) -> tuple[np.ndarray, np.ndarray]:
     unit = str(entry.get("unit", ""))
     if unit not in _DEGREES or len(picked.columns) != 2:
         raise InputError(
             f"{topic_map.file}: {name}: geodetic needs two fields, latitude and longitude, in deg, 1e-7 deg or rad; it has {unit!r}"
         )
-    return [column * _DEGREES[unit] for column in picked.columns]
+    latitude, longitude = (column * _DEGREES[unit] for column in picked.columns)
+    return latitude, longitude
+
+
+def _metres(where: str, latitude: np.ndarray, longitude: np.ndarray, origin: TangentPlane | None) -> np.ndarray:
+    """Metres east and north (K, 2) of an origin, the first position where there is none."""
+    _require_degrees(where, latitude, longitude)
+    plane = TangentPlane(float(latitude[0]), float(longitude[0])) if origin is None else origin
+    try:
+        return plane.to_metres(latitude, longitude)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _require_degrees(where: str, latitude: np.ndarray, longitude: np.ndarray) -> None:
+    for name, values, limit in (("latitude", latitude, 90.0), ("longitude", longitude, 360.0)):
+        wrong = values[~(np.abs(values) <= limit)]
+        if wrong.size:
+            raise InputError(f'{where}: {name} {wrong[0]:g} deg is beyond {limit:g}: is it in another unit? (unit = "1e-7 deg")')
