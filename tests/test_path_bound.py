@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 
+import mpmath
 import numpy as np
 import pytest
 from gram_vectors import gram_vectors, shortfalls
@@ -310,6 +311,69 @@ def test_where_the_relaxation_proves_no_more_the_bound_is_that_of_positions_alon
     assert od.check_path_bound(problem, proof.certificate) == proof.bound
     with pytest.raises(od.InputError, match="no bound"):
         od.check_path_bound(problem, od.PathCertificate())
+
+
+def test_a_sensor_beside_the_position_sees_the_heading_and_has_no_bound():
+    # a range from an arm of 3 km to the left knows the heading to sigma / 3 km at once, far better than any displacement tells
+    def asked(arm: tuple[float, float]) -> od.DesignProblem:
+        sensors = (od.GPS(1.5), od.Range((9000.0, 0.0), 2.0, lever_arm=arm))
+        return short_mission(system=od.System(od.Dubins(2.0), sensors), start=(0.0, 0.0, 0.0), scale=(1.0, 1.0, 1.0), about=("heading",))
+
+    at_the_position, beside = path_bound_of(asked((0.0, 0.0))), path_bound_of(asked((0.0, 3000.0)))
+    problem = asked((0.0, 3000.0))
+    assert problem.value(problem.path_of(np.zeros(12))) > at_the_position.bound
+    assert beside.bound == np.inf
+    assert "lever_arm" in beside.reason
+    with pytest.raises(od.InputError, match="lever_arm"):
+        od.check_path_bound(problem, at_the_position.certificate)
+
+
+def test_a_free_duration_has_no_bound_but_that_of_what_no_path_changes():
+    free = short_mission(duration=(9.0, 18.0))
+    proof = path_bound_of(free)
+    assert "duration is free" in proof.reason
+    assert od.check_path_bound(free, proof.certificate) == proof.bound
+    assert free.with_duration(9.0).value(free.with_duration(9.0).path_of(np.zeros(12))) <= proof.bound
+    with pytest.raises(od.InputError, match="duration is free"):
+        od.check_path_bound(free, CERTIFICATE)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e9])
+def test_bounds_of_a_negative_criterion_are_negative_without_multipliers_as_well(size):
+    # trace W^-1 >= trace of the inverse of its block of positions: 36 samples of variance 1.5^2 on x and y, in units of 5 m
+    problem = short_mission(
+        system=od.System(od.Unicycle(), (od.GPS(1.5),)),
+        start=(3.0, -2.0, 0.4),
+        scale=(5.0, 5.0, size),
+        bounds={"turn_rate": (-0.4, 0.4), "speed": (0.0, 1.0)},
+        criterion=od.TraceInverse(),
+    )
+    of_positions = od.PathCertificate(lengths=(3,) * 12)
+    assert od.check_path_bound(problem, of_positions) == pytest.approx(-2 * 1.5**2 / (36 * 25), rel=1e-9)
+    assert problem.value(problem.path_of(np.full(24, 0.4))) <= path_bound_of(problem).bound <= od.check_path_bound(problem, of_positions)
+
+
+def test_what_no_path_changes_is_no_less_than_it_is_in_sixty_digits():
+    # GPS alone along one axis: sum of (1, t)(1, t)' / sigma^2, whose entries and smallest eigenvalue mpmath has
+    with mpmath.workdps(60):
+        for steps in (30, 700, 1500):
+            problem = short_mission(
+                system=od.System(od.Dubins(2.0, wind="constant"), (od.GPS(1.3),)),
+                duration=0.7 * steps,
+                step=0.7,
+                scale=(1.0, 1.0, 1.0, 0.1, 0.1),
+            )
+            t = [k * mpmath.mpf(0.7) for k in range(steps)]
+            unit = mpmath.mpf(0.1)
+            M = mpmath.matrix([[steps, unit * sum(t)], [unit * sum(t), unit**2 * sum(each**2 for each in t)]]) / mpmath.mpf(1.3) ** 2
+            exact = min(mpmath.eigsy(M, eigvals_only=True))
+            assert exact <= od.check_path_bound(problem, od.PathCertificate()) <= exact * (1 + mpmath.mpf("1e-9"))
+
+
+def test_without_samples_of_positions_certificates_are_refused_with_the_reason():
+    compass = short_mission(system=od.System(od.Dubins(2.0), (od.Magnetometer(1.0),)), start=(3.0, -2.0, 0.4), scale=(1.0, 1.0, 1.0))
+    with pytest.raises(od.InputError, match="unknown, whatever the path"):
+        od.check_path_bound(compass, od.PathCertificate(lengths=(3,) * 12))
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.step import blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import Colour, colour_of
 from obsdesign.information.whitening import outputs_with_colour
-from obsdesign.round_off import smallest_eigenvalue
+from obsdesign.round_off import EPS, smallest_eigenvalue
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class Cap:
     """The bound."""
     states: tuple[str, ...]
     """Names of the states of that block."""
+    rounding: float
+    """How far `value` may be below the block's smallest eigenvalue as rounding has it, relative."""
 
 
 def cap_of(problem: DesignProblem) -> Cap | None:
@@ -43,7 +45,20 @@ def cap_of(problem: DesignProblem) -> Cap | None:
     centre_path = problem.path_along(np.tile(grid.centre, (grid.steps, 1)))
     W = problem.matrix(centre_path)
     names = tuple(problem.system.model.state_names[i] for i in block)
-    return Cap(smallest_eigenvalue(W[np.ix_(block, block)]), names)
+    constant = W[np.ix_(block, block)]
+    return Cap(smallest_eigenvalue(constant), names, rounding_of_sum(constant, problem.steps))
+
+
+def rounding_of_sum(W: np.ndarray, terms: int) -> float:
+    """Return how far eigenvalues of W (n, n) > 0, a sum of so many terms, may be from exact, relative; inf where W may be singular.
+
+    Entries W_ij are right to 4 (terms + 20) eps sqrt(W_ii W_jj), a perturbation of D^-1 W D^-1, D^2 = diag W, that moves every
+    eigenvalue of W by its norm over lambda_min(D^-1 W D^-1), relative. Source: Demmel and Veselic, Jacobi's method is more accurate
+    than QR (1992).
+    """
+    sizes = np.sqrt(np.where(np.diag(W) > 0, np.diag(W), 1.0))
+    least = float(np.linalg.eigvalsh(W / sizes[:, None] / sizes)[0])
+    return 4 * (terms + 20) * EPS * len(W) / least if least > 0 else np.inf
 
 
 def _path_independent_diagonal(problem: DesignProblem) -> np.ndarray:

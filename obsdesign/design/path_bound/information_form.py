@@ -13,6 +13,7 @@ from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.design.path_bound.motion import AllowedMotion
 from obsdesign.design.path_bound.sample_bounds import SampleBounds
 from obsdesign.design.problem import DesignProblem
+from obsdesign.design.upper_bound import rounding_of_sum
 from obsdesign.errors import InputError
 from obsdesign.round_off import EPS
 
@@ -40,6 +41,11 @@ class InformationForm:
     def M(self) -> np.ndarray:
         """X'X + prior (c, c): what the samples say of position and wind along one axis."""
         return self.X.T @ self.X + np.diag(self.prior)
+
+    @cached_property
+    def moment_rounding(self) -> float:
+        """How far eigenvalues of M, and the logarithm and the inverse of them, may be from exact, relative."""
+        return rounding_of_sum(self.M, len(self.rows)) + 1e-12
 
     @cached_property
     def moments(self) -> np.ndarray:
@@ -93,7 +99,7 @@ def information_form(problem: DesignProblem, motion: AllowedMotion, samples: Sam
     prior = np.array([samples.known_position, samples.known_wind])[: len(size)] * size**2
     pairs = np.array([judged[:2].min(), *([judged[3:5].min()] if has_wind else [])])
     scaled_errors = heading_size * root * errors
-    return InformationForm(
+    form = InformationForm(
         rows=heading_size * root[:, None] * rows,
         X=X,
         prior=prior,
@@ -103,6 +109,9 @@ def information_form(problem: DesignProblem, motion: AllowedMotion, samples: Sam
         residual_moments=(X.T @ scaled_errors) * (1 + 1e-12),
         kind=kind,
     )
+    if not np.isfinite(form.moment_rounding):
+        raise InputError("samples and knowledge leave a position or the wind unknown, whatever the path")
+    return form
 
 
 def _heading_rows(motion: AllowedMotion) -> tuple[np.ndarray, np.ndarray]:

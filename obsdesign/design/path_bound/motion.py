@@ -67,6 +67,8 @@ def motion_of(problem: DesignProblem, lengths: tuple[int, ...] | None = None) ->
     system = problem.system
     if not isinstance(system, System):
         raise InputError("the system is none of the ready-made ones")
+    if problem.shortest != problem.longest:
+        raise InputError(f"the duration is free, {problem.shortest:g} to {problem.longest:g} s: a bound is one for one duration")
     held = held_lengths(problem)
     used = _divide(problem, held) if lengths is None else lengths
     if not _divides(used, held):

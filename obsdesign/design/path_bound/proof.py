@@ -19,7 +19,6 @@ from obsdesign.errors import InputError
 _TOLERANCE = 3e-5  # relative, to which the least level is looked for
 _FIRST_RAISE, _RAISES = 1e-7, 16  # relative rise of a level until its proof goes through with rounding; doublings of it
 _MOST_PIECES = 200  # of a Gram matrix: its solve takes some K^3
-_CAP_ROUNDING = 1 + 1e-12
 _NO_MORE = "the relaxation proves no more than what no path changes"
 _ALL_PATHS = "all paths that the problem allows"
 
@@ -57,8 +56,8 @@ def check_path_bound(problem: DesignProblem, certificate: PathCertificate) -> fl
         return bound
     with one_thread(), np.errstate(all="ignore"):
         relaxation = _relaxation(problem, tuple(certificate.lengths))
-        if not certificate.multipliers and np.isfinite(relaxation.form.largest_level):
-            return relaxation.form.largest_level * _CAP_ROUNDING
+        if not certificate.multipliers and np.isfinite(relaxation.value_of_positions):
+            return relaxation.value_of_positions
         multipliers, wanted = np.array(certificate.multipliers), len(relaxation.constraints.limits)
         if len(multipliers) != wanted:
             raise InputError(f"certificate: has {len(multipliers)} multipliers: must be {wanted}, one for each constraint of this problem")
@@ -75,13 +74,14 @@ def _cap_bound(problem: DesignProblem) -> PathBound:
     if cap is None:
         return PathBound(np.inf, None, _ALL_PATHS, (), "every part of the information depends on the path")
     left_out = tuple(name for name in problem.system.model.state_names if name not in cap.states)
-    return PathBound(cap.value * _CAP_ROUNDING, PathCertificate(), _ALL_PATHS, tuple(f"what is known of {name}" for name in left_out))
+    bound = cap.value * (1 + cap.rounding) if cap.value else 0.0
+    return PathBound(bound, PathCertificate(), _ALL_PATHS, tuple(f"what is known of {name}" for name in left_out))
 
 
 def _relaxed_bound(problem: DesignProblem, value: float, lengths: tuple[int, ...] | None) -> PathBound:
     """The bound by the relaxation; raises InputError with the reason where there is none."""
     relaxation = _relaxation(problem, lengths)
-    motion, top = relaxation.motion, relaxation.form.largest_level
+    motion, top = relaxation.motion, relaxation.value_of_positions
     if len(motion.lengths) > _MOST_PIECES:
         raise InputError(f"the path has {len(motion.lengths)} pieces: the relaxation takes at most {_MOST_PIECES}")
     left_out = tuple(dict.fromkeys((*motion.left_out, *relaxation.samples.left_out, *_left_out_scales(problem))))
@@ -92,7 +92,7 @@ def _relaxed_bound(problem: DesignProblem, value: float, lengths: tuple[int, ...
     if not np.isfinite(top):
         raise InputError(_NO_MORE)
     # what position and wind alone could be known to, were every sensor as good as it is taken for
-    return PathBound(top * _CAP_ROUNDING, PathCertificate(lengths=motion.lengths), motion.in_words, left_out, _NO_MORE)
+    return PathBound(top, PathCertificate(lengths=motion.lengths), motion.in_words, left_out, _NO_MORE)
 
 
 def _relaxation(problem: DesignProblem, lengths: tuple[int, ...] | None) -> GramRelaxation:

@@ -78,12 +78,19 @@ class GramRelaxation:
         form = self.form
         if form.kind is TraceInverse:
             level = level * (1 + share) / (1 - share)
-            size = 2 * float(np.trace(np.linalg.inv(form.M))) * (1 - 1e-12 * np.linalg.cond(form.M)) + 1 / (level * _SUM_UP)
-            return -size * (1 - 1e-14)
+            return (self.value_of_positions - 1 / (level * _SUM_UP)) * (1 - 1e-14)
         level = level * (1 + share) * _SUM_UP
         if form.kind is LogDet:
-            return 2 * float(np.linalg.slogdet(form.M)[1]) + float(np.log(level)) + 1e-12
+            return 2 * float(np.linalg.slogdet(form.M)[1]) + float(np.log(level)) + 2 * form.moment_rounding
         return level
+
+    @property
+    def value_of_positions(self) -> float:
+        """The criterion value that no path exceeds as none changes what samples say of position and wind; inf where it has no limit."""
+        form = self.form
+        if form.kind is not TraceInverse:
+            return form.largest_level * (1 + form.moment_rounding)
+        return -2 * float(np.trace(np.linalg.inv(form.M))) * max(0.0, 1 - form.moment_rounding)
 
     def proves(self, level: float, share: float, multipliers: np.ndarray) -> bool:
         """Whether these multipliers (m,) prove that no path has the level's value: max of the form < threshold, rounding included.

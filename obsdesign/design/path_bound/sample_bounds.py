@@ -130,6 +130,8 @@ def _precision(system: System, name: str, sensor: AbstractSensor, distances: np.
     """
     if not isinstance(sensor, GPS | Magnetometer | Range | Bearing):
         raise InputError(f"{name}: no bound is known for a {type(sensor).__name__}")
+    if isinstance(sensor, Range | Bearing) and any(sensor.lever_arm):
+        raise InputError(f"{name}: no bound is known for a sensor beside the position, lever_arm {sensor.lever_arm!r}")
     words = [f"the constant error of {name}"] if sensor.bias_floor else []
     words += [f"how errors of {name} belong together in time"] if sensor.correlation else []
     share, variance = (1 - sensor.correlation) / (1 + sensor.correlation), np.asarray(sensor.sigma**2)
