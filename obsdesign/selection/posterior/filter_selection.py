@@ -81,7 +81,8 @@ def select_for_filter(
         active (N, S): which samples arrive where a sensor is on; None = all. A segment in which nobody answers is coasted through.
         rules: what schedules have to keep, and what switching costs, in the cost's unit.
         floor: sensor -> what its mean error within a segment never falls below, in the unit of its outputs, as `fit_floor` finds it for a
-            sensor that is less sure than its model. The schedule is chosen with it, value and bound count it, `predicted` does not.
+            sensor that is less sure than its model: each of its n samples of a segment counts as one of its own of standard deviation
+            (sigma^2 + n floor^2)^1/2. The schedule is chosen with it, value and bound count it, `predicted` does not.
         flown (K, S): what was on when the path was driven; `compared` then has its cost and `notes` say how much could have been saved
             at most, by the bound.
         robust_to: how many sensors may be lost, whichever they are: value, bound, `predicted` and `compared` are those of the worst loss.
