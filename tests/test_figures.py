@@ -104,7 +104,7 @@ def test_the_eigenvalues_and_eigenvectors_are_those_of_what_all_sensors_say(desi
 
 @pytest.mark.parametrize("draw", ["path", "inputs", "spectrum", "eigenvectors"])
 def test_a_design_without_a_path_is_an_error_that_says_why(design, draw):
-    failed = replace(design, trajectory=None, information=None, status=od.Status.LOCALLY_INFEASIBLE)
+    failed = replace(design, trajectory=None, information=None, ended=od.Status.LOCALLY_INFEASIBLE)
     with pytest.raises(od.InputError, match="has no path to draw"):
         getattr(od.figures, draw)(failed)
 

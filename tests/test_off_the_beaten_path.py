@@ -58,14 +58,15 @@ def test_the_integral_along_a_log_is_that_of_a_vehicle_at_rest():
     np.testing.assert_allclose(W[:2, :2], 2.0 * np.eye(2), rtol=1e-12)
 
 
-def test_validation_compares_with_the_bound_of_the_path_that_the_truth_follows():
-    """Of a log that tells nothing of the gusts: that of its inputs."""
+def test_validation_keeps_to_the_path_that_is_given():
+    """Of a log that tells nothing of the gusts as well: truth is the path, and the bound that of the samples along it."""
     gusts, prior = gusty(), od.Prior(X0[:3], std=(1.0, 1.0, 0.1))
     path = od.Trajectory(gusts.t, gusts.x, gusts.u)
+    covariances = np.linalg.inv(od.posterior_information(BLOWN, path, prior))
+    bound = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    np.testing.assert_allclose(od.validate(BLOWN, path, prior=prior, runs=20).bound, bound, rtol=1e-12)
     flown = od.simulate(BLOWN, path.x[0], path.u, path.step)
-    found, expected = (od.validate(BLOWN, each, prior=prior, runs=20) for each in (path, flown))
-    np.testing.assert_array_equal(found.bound, expected.bound)
-    np.testing.assert_array_equal(found.rmse, expected.rmse)
+    assert np.abs(od.validate(BLOWN, flown, prior=prior, runs=20).bound - bound).max() > 1e-3
 
 
 # ---------------------------------------------------------------- numbers that run away or vanish
@@ -175,8 +176,8 @@ def test_a_fork_does_not_wait_for_a_thread_that_it_does_not_have():
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwoSpreads(AbstractOnboard):
-    """A sensor that gives its two outputs noise of their own, which nothing is made for."""
+class ThreeSpreads(AbstractOnboard):
+    """A sensor that gives its two outputs three standard deviations."""
 
     name: str = "two"
 
@@ -188,12 +189,12 @@ class TwoSpreads(AbstractOnboard):
         return state["x"], state["y"]
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
-        return ca.SX([1.0, 10.0])
+        return ca.SX([1.0, 10.0, 100.0])
 
 
-def test_a_sensor_has_one_spread_for_all_outputs():
-    with pytest.raises(od.InputError, match=r"sensor 'two': spread has shape \(2, 1\): must be one number for all its outputs"):
-        _ = od.System(od.Dubins(10.0), (TwoSpreads(1.0),)).model
+def test_a_sensor_has_one_spread_or_one_for_each_output():
+    with pytest.raises(od.InputError, match=r"sensor 'two': spread has shape \(3, 1\): must be one number, or one for each of its outputs"):
+        _ = od.System(od.Dubins(10.0), (ThreeSpreads(1.0),)).model
 
 
 def test_unknown_inputs_come_in_the_order_in_which_they_are_named():
