@@ -18,6 +18,7 @@ from obsdesign.status import Status
 from obsdesign.study.record import Study
 
 _MAX_NAMED = 4  # optima that are named
+_LOOSE = 0.5  # share of the value: a bound farther away says nothing that helps
 
 
 def section(study: Study) -> Section:
@@ -39,8 +40,15 @@ def _answer(study: Study) -> str:
 
 
 def _standing(design: Design) -> str:
-    """Say what is proven of all other paths."""
-    return f"{_others(design)}, and that is proven" if np.isfinite(design.bound) else f"it is {design.status.value}, not proven global"
+    """Say what is proven of all other paths, where that is not too loose to help; the notes give any bound."""
+    if not np.isfinite(design.bound) or _excess(design) > _LOOSE:
+        return "it is the best of the solver's starts: that no other is much better is not proven"
+    return f"{_others(design)}, and that is proven"
+
+
+def _excess(design: Design) -> float:
+    """By how much of its value another path may be better."""
+    return (design.bound - design.value) / abs(design.value) if design.value else np.inf
 
 
 def _others(design: Design) -> str:
@@ -49,7 +57,7 @@ def _others(design: Design) -> str:
         return "no path is better"
     if not design.problem.criterion.scales_with_information:
         return f"no path is above {numeral(design.bound, 5)}"
-    return f"no path is better by more than {percent((design.bound - design.value) / abs(design.value))}"
+    return f"no path is better by more than {percent(_excess(design))}"
 
 
 def _gain(study: Study, ours: float, theirs: float) -> str:
