@@ -557,7 +557,8 @@ def test_two_sensors_of_one_kind_get_names_of_their_own():
 
 def placed(folder: Path, table: str) -> Path:
     file = folder / "placed.toml"
-    file.write_text(AEROSONDE.read_text() + f"\n[place]\n{table}\n")
+    before, _, after = AEROSONDE.read_text().partition("[place]\n")
+    file.write_text(f"{before}[place]\n{table}\n\n{after.partition(chr(10) * 2)[2]}")
     return file
 
 
