@@ -7,7 +7,7 @@ BENCH_READY := $(VENV)/.bench-ready
 SCENARIO ?= scenarios/aerosonde_wind.toml
 OUT ?= reports/$(basename $(notdir $(SCENARIO)))
 
-.PHONY: run test test-slow bench lint lock examples clean
+.PHONY: run test test-slow test-min test-max bench lint lock examples clean
 
 run: $(READY)
 	$(BIN)/obsdesign run $(SCENARIO) --out $(OUT)
@@ -17,6 +17,20 @@ test: $(READY) lint
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+# Tests that pass through every declared package (numpy, scipy, casadi, clarabel, cvxpy, highspy, python-flint, pydantic, matplotlib, jinja2,
+# rich, shtab, pymap3d, defusedxml ...), with the oldest versions that pyproject.toml accepts, and with the newest that there are, each in
+# a throw-away environment: .venv is left alone.
+ACROSS_VERSIONS := rank scenario figures command_line report_page selection design_parts broken_files information
+
+test-min test-max: test-%:
+	rm -rf .venv-$* && $(PYTHON) -m venv .venv-$*
+	$(PYTHON) -c 'import re, tomllib; needed = tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"]; \
+	  print(*(re.sub(r">=([^,]+).*", r"==\1", each) if "$*" == "min" else each for each in needed), sep="\n")' > .venv-$*/declared.txt
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check --requirement .venv-$*/declared.txt pytest pytest-xdist hypothesis jsonschema rosbags
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check --no-deps .
+	.venv-$*/bin/python -m pip list --disable-pip-version-check
+	.venv-$*/bin/python -m pytest -W ignore::DeprecationWarning $(ACROSS_VERSIONS:%=tests/test_%.py)
 
 bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run
@@ -58,4 +72,4 @@ $(BENCH_READY): requirements-bench.lock $(READY)
 	touch $(BENCH_READY)
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache
+	rm -rf $(VENV) .venv-min .venv-max .pytest_cache .ruff_cache
