@@ -145,6 +145,13 @@ def uneven_path_of(path: Trajectory, t: np.ndarray, x: np.ndarray, u: np.ndarray
     return result
 
 
+def even_path_of(t: np.ndarray, x: np.ndarray, u: np.ndarray, w: np.ndarray | None, tolerance: float) -> Trajectory:
+    """Return the path through instants that are made to be equally far apart; as `path_of` makes it."""
+    result = path_of(t, x, u, w, tolerance)
+    vars(result).update(is_even=True)
+    return result
+
+
 def path_of(t: np.ndarray, x: np.ndarray, u: np.ndarray, w: np.ndarray | None, tolerance: float) -> Trajectory:
     """Return a path of finite arrays of floats that fit and that nobody else writes to, made just now: none is copied or checked."""
     for values in (t, x, u) if w is None else (t, x, u, w):

@@ -17,7 +17,7 @@ from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.dynamics.step_comparison import PathBatch
 from obsdesign.dynamics.substeps import substeps_for, substeps_from
 from obsdesign.errors import InputError
-from obsdesign.trajectory import TOLERANCE, Trajectory, path_of
+from obsdesign.trajectory import TOLERANCE, Trajectory, even_path_of, path_of
 
 
 @validate_arguments
@@ -43,7 +43,8 @@ def simulate(
     start = as_state(system, x0, "x0")
     u_known, w_unknown = as_input_arrays(system, u, w)
     t = times_of(lengths, len(u_known))
-    path = path_of(t, np.tile(start, (len(t), 1)), u_known, None if w is None else w_unknown, tolerance)
+    make = path_of if lengths.ndim else even_path_of
+    path = make(t, np.zeros((len(t), len(start))), u_known, None if w is None else w_unknown, tolerance)
     along = system_along(system, path, is_sampling_given=True)
     u_rows, w_rows = inputs_along(along, path)
     substeps = int(substeps_needed(along, start[None], u_rows, path.pace, w_rows, tolerance)[0])
@@ -53,7 +54,7 @@ def simulate(
         name = system.model.state_names[i]
         where = f"from step {k} (t = {t[k]:g} s) on"
         raise InputError(f"{name} is {states[k, i]} {where}: the motion runs away, only a shorter path would do")
-    path = path_of(t, states, u_known, path.w, tolerance)
+    path = make(t, states, u_known, path.w, tolerance)
     path.substeps[along.model] = substeps
     return path
 
