@@ -225,6 +225,22 @@ def triangular(rows: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
+def rotated_triangles(rows: np.ndarray) -> np.ndarray:
+    """Return upper triangular R (..., n, n) with R'R = A'A for rows A (..., m, n), m >= n, by Givens's rotations.
+
+    Rows of small numbers keep their digits beside rows of large ones, which a reflection would take for the difference of larger rows.
+    """
+    A, (m, n) = rows.astype(float), rows.shape[-2:]
+    for j in range(n):
+        for i in range(j + 1, m):
+            x, y = A[..., j, j, None], A[..., i, j, None]
+            size = np.hypot(x, y)
+            unit = np.where(size == 0, 1.0, size)
+            cosine, sine = np.where(size == 0, 1.0, x / unit), y / unit
+            A[..., j, :], A[..., i, :] = cosine * A[..., j, :] + sine * A[..., i, :], cosine * A[..., i, :] - sine * A[..., j, :]
+    return np.triu(A[..., :n, :])
+
+
 def smallest_eigenvalue(W: np.ndarray) -> float:
     """Return lambda_min of W (n, n) >= 0: 0 where a direction is hidden, otherwise right to the digits that W has of it.
 

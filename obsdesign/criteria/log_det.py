@@ -9,7 +9,7 @@ import numpy as np
 
 from obsdesign.criteria._factor import inverse
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.round_off import spectrum
+from obsdesign.round_off import rotated_triangles, spectrum
 
 if TYPE_CHECKING:
     import cvxpy as cp
@@ -55,7 +55,7 @@ class LogDet(AbstractCriterion):
 
     def covariance_cost_of_root(self, B: np.ndarray) -> np.ndarray:
         """Return 2 log |det R|, R the triangular factor of B': its square has only half as many digits."""
-        return -self.value_from_root(np.linalg.qr(B.swapaxes(-1, -2)).R)
+        return -self.value_from_root(rotated_triangles(B.swapaxes(-1, -2)))
 
     @property
     def is_trace_of_covariance(self) -> bool:

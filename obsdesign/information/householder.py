@@ -1,4 +1,4 @@
-"""Triangular factors and solutions of graphs by Householder's reflections: what is 0 by structure stays so."""
+"""Triangular factors of graphs by Givens's rotations, solutions by Householder's reflections: what is 0 by structure stays so."""
 
 from __future__ import annotations
 
@@ -7,11 +7,33 @@ import numpy as np
 
 
 def triangular_factor(rows: ca.SX) -> ca.SX:
-    """Return upper triangular R (n, n) with R'R = A'A for rows A (m, n), m >= n, by Householder's reflections."""
+    """Return upper triangular R (n, n) with R'R = A'A for rows A (m, n), m >= n, by Givens's rotations.
+
+    A rotation mixes two rows in the shares of their entries in one column, so that a row of small numbers keeps its digits beside one
+    of large numbers; a reflection would take its first row for the difference of larger ones.
+    """
     m, n = rows.shape
     A = [[rows[i, j] for j in range(n)] for i in range(m)]
-    _triangulate(A, n)
+    for j in range(n):
+        for i in range(j + 1, m):
+            if not A[i][j].is_zero():
+                _rotate(A, j, i)
     return ca.vertcat(*[ca.horzcat(*[A[i][j] if j >= i else ca.SX(1, 1) for j in range(n)]) for i in range(n)])
+
+
+def _rotate(A: list[list[ca.SX]], column: int, row: int) -> None:
+    """Turn the given row and that of the column's number so that the given one has no entry in the column; in place."""
+    first, second = A[column], A[row]
+    if first[column].is_zero():
+        A[column], A[row] = second, first
+        return
+    size = first[column] ** 2 + second[column] ** 2
+    is_nonzero = size != 0  # true for nan, which must not be lost
+    norm = ca.sqrt(ca.if_else(is_nonzero, size, 1))
+    cosine, sine = ca.if_else(is_nonzero, first[column] / norm, 1), second[column] / norm
+    A[column] = [cosine * x + sine * y for x, y in zip(first, second, strict=True)]
+    A[row] = [cosine * y - sine * x for x, y in zip(first, second, strict=True)]
+    A[column][column], A[row][column] = ca.if_else(is_nonzero, norm, 0), ca.SX(1, 1)
 
 
 def _triangulate(A: list[list[ca.SX]], columns: int) -> None:

@@ -18,6 +18,7 @@ from obsdesign.information.linearisation import linearise
 from obsdesign.information.nuisance_information import ErrorDistribution, predict_with_errors, update_with_samples
 from obsdesign.packing import pack, pack_values, symmetric
 from obsdesign.prior import Prior
+from obsdesign.round_off import rotated_triangles
 from obsdesign.trajectory import Trajectory
 
 _TRUSTED_ERROR = 1e-10  # share of a column of a root that its rounding may have
@@ -127,5 +128,5 @@ def _about_state(T: np.ndarray, error: np.ndarray, n: int) -> tuple[np.ndarray, 
     c = len(T) - n
     if not c or not np.isfinite(T).all():
         return T[:, c:], error[:, c:]
-    R = np.linalg.qr(T).R
+    R = rotated_triangles(T)
     return R[c:, c:], error[:, c:] - np.linalg.solve(R[:c, :c].T, error[:, :c].T).T @ R[:c, c:]
