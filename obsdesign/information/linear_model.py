@@ -23,9 +23,9 @@ class LinearModel:
     """Errors z = (x, b, e) of state, constant and coloured errors: z_k+1 = A_k z_k + w_k, samples r_ki z_k + v_ki, v_ki ~ N(0, 1).
 
     initial_covariance (n, n) before the samples at t_0; transition A_k and noise Q_k (N-1, n, n) from t_k to t_k+1; rows r_ki
-    (N, q, n) over the standard deviation of what is white, 0 where there is no sample; sensor_of_row (q,). The first n_states
-    entries of z are the state. unknown_columns (N-1, n, p): what the unknown inputs named move, which is not in Q. spreads (N, q): the
-    standard deviations of samples, in the units of the outputs.
+    (N, q, n) over the standard deviation of what is white, 0 where there is no sample; sensor_of_row (q,). unknown_columns
+    (N-1, n, p): what the unknown inputs named move, which is not in Q. spreads (N, q): the standard deviations of samples, in the
+    units of the outputs.
 
     A coloured error e of covariance R is taken as e' + v with e' of covariance (1 - c) R and v white of variance
     c l / (1 + d)^2, l the smallest eigenvalue of what drives e, d its largest decay: the spectrum of e is nowhere below
@@ -38,7 +38,6 @@ class LinearModel:
     noise: np.ndarray
     rows: np.ndarray
     sensor_of_row: np.ndarray
-    n_states: int
     unknown_columns: np.ndarray
     spreads: np.ndarray
 
@@ -119,7 +118,7 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
         raise InputError("the linearised model is not finite along the path")
     columns = np.zeros((N - 1, size, B.shape[2]))
     columns[:, :n] = B[:-1]
-    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), n, columns, linearisation.spreads)
+    return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), columns, linearisation.spreads)
 
 
 def _whiten(rows: np.ndarray, variance: np.ndarray, weights: np.ndarray) -> np.ndarray:

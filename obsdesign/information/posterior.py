@@ -68,8 +68,6 @@ def posterior_information(
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
-    if disturbance.unknown:
-        require_trace(system, path, disturbance, weights)
     return _information_along(system, path, prior, disturbance, weights)
 
 
@@ -91,12 +89,12 @@ def _posterior_of_log(
     if active is not None:
         weights = weights * weights_of(per_step, path, active)[events.step]
     disturbance = disturbance_of(per_step, events.path, prior, disturbance_psd, unknown_inputs)
-    if disturbance.unknown:
-        require_trace(per_step, events.path, disturbance, weights)
     return _information_along(per_step, events.path, prior, disturbance, weights)[events.nodes]
 
 
 def _information_along(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
+    if disturbance.unknown:
+        require_trace(system, path, disturbance, weights)
     roots = posterior_roots(system, path, prior, disturbance, weights)
     with np.errstate(over="ignore", invalid="ignore"):
         J = roots.swapaxes(1, 2) @ roots
@@ -134,11 +132,12 @@ def unknown_input_information(
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
     system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
-    later_roots = backward_roots(system, path, disturbance, weights)
     # of the integral over a step where time is counted in steps
     square = 1.0 if path.is_even else path.lengths[:, None, None] ** 2
     if nuisance_of(system.model, path.pace).size:
+        require_trace(system, path, disturbance, weights)
         return square * _marginal_information(*_rows_with_nuisance(system, path, prior, disturbance, weights))
+    later_roots = backward_roots(system, path, disturbance, weights)
     roots = posterior_roots(system, path, prior, disturbance, weights)[:-1]
     n = path.x.shape[1]
     about_state = np.concatenate([roots, later_roots[:, :, :n]], axis=1)

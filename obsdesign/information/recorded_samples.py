@@ -190,8 +190,8 @@ def _event_path(samples: RecordedSamples) -> EventPath:
     w = None if path.w is None else path.w[k]
     event_path = uneven_path_of(path, t, np.vstack([x, path.x[-1:]]), path.u[k], w)
     is_at_node = every[:, 1] == 0
-    nodes = np.append(np.searchsorted(k[is_at_node], np.arange(path.steps), side="right") - 1, 0)
-    nodes = np.append(np.flatnonzero(is_at_node)[nodes[:-1]], len(k))
+    last = np.searchsorted(k[is_at_node], np.arange(path.steps), side="right") - 1
+    nodes = np.append(np.flatnonzero(is_at_node)[last], len(k))
     return EventPath(event_path, weights, k, nodes)
 
 

@@ -17,6 +17,7 @@ from obsdesign.selection.posterior.formulation import formulate
 from obsdesign.selection.posterior.options import build_options
 from obsdesign.selection.posterior.problem import PosteriorProblem
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
+from obsdesign.selection.problem import switching_cost
 from obsdesign.trajectory import Trajectory
 
 _GAP = 1e-3  # of the answer's schedule, that of `select_for_filter`
@@ -81,9 +82,7 @@ class FilterJointProblem(AbstractJointProblem[FilterSchedule]):
 
     def switching_penalty(self, path: Trajectory, schedule: FilterSchedule) -> float:
         """Return what the switching-ons of a schedule cost."""
-        if not self.rules:
-            return 0.0
-        return build_options(self.rules, self.per_segment, self.rule_segments(path), None).switching_of(schedule.chosen)
+        return switching_cost(self.rules, self.rule_segments(path), schedule.chosen) if self.rules else 0.0
 
     def recorded_value(self, path: Trajectory, schedule: FilterSchedule, penalty: float) -> float:
         """Return the posterior's value of the two, recomputed."""

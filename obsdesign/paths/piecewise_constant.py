@@ -64,7 +64,12 @@ class PiecewiseConstant(AbstractPath):
 
     def _lengths(self, grid: Grid) -> np.ndarray:
         """Steps in each piece (pieces,)."""
-        import numpy as np
-
         _columns.require_at_most_steps("pieces", self.pieces, grid)
-        return np.diff((2 * np.arange(self.pieces + 1) * grid.steps + self.pieces) // (2 * self.pieces))
+        return piece_lengths(self.pieces, grid.steps)
+
+
+def piece_lengths(pieces: int, steps: int) -> np.ndarray:
+    """Return how many of so many steps are in each piece (pieces,): piece j begins at round(j steps / pieces)."""
+    import numpy as np
+
+    return np.diff((2 * np.arange(pieces + 1) * steps + pieces) // (2 * pieces))

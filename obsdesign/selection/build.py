@@ -18,7 +18,7 @@ from obsdesign.rules.abstract import AbstractRule, Segments, Terms
 from obsdesign.selection.pricing.cardinality import CardinalitySchedules
 from obsdesign.selection.pricing.dwell_chain import DwellChain
 from obsdesign.selection.pricing.patterns import PatternSchedules
-from obsdesign.selection.problem import SelectionProblem
+from obsdesign.selection.problem import SelectionProblem, switching_prices
 from obsdesign.selection.scaled_criterion import ScaledCriterion
 from obsdesign.selection.schedule import require_blocks
 
@@ -51,7 +51,7 @@ def build_problem(
     schedules = _schedule_set(terms, rules, per_segment, named_segments)
     resources = tuple(term.resource for term in terms if term.resource is not None)
     _require_budget(terms, rules, schedules.available)
-    switching = np.sum([np.zeros(S), *(term.switching for term in terms if term.switching is not None)], axis=0)
+    switching = switching_prices(terms, S)
     loss_sets = list(combinations(range(S), robust_to))
     working = np.ones((len(loss_sets), S))
     for mask, lost_sensors in zip(working, loss_sets, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from obsdesign.conic import smat, svec
 from obsdesign.criteria.abstract import AbstractCriterion
-from obsdesign.rules.abstract import Resource
+from obsdesign.rules.abstract import AbstractRule, Resource, Segments, Terms
 from obsdesign.selection.double_double import DoubleDouble
 from obsdesign.selection.dual import Dual
 from obsdesign.selection.extended_sums import exact_sums
@@ -185,8 +186,20 @@ def _chunks(indices: np.ndarray, size: int) -> list[np.ndarray]:
     return np.array_split(indices, -(-len(indices) // max(size, 1)))
 
 
-def switch_ons(chosen: np.ndarray) -> np.ndarray:
-    """Where (K, S) a sensor is switched on; all are off before the first segment."""
+def switch_ons(chosen: np.ndarray, on_before: np.ndarray | None = None) -> np.ndarray:
+    """Where (K, S) a sensor is switched on; on_before (S,): what is on before the first segment, None = nothing."""
     before = np.zeros_like(chosen)
     before[1:] = chosen[:-1]
+    if on_before is not None:
+        before[:1] = on_before
     return chosen & ~before
+
+
+def switching_prices(terms: Sequence[Terms], sensors: int) -> np.ndarray:
+    """What it costs to switch each of so many sensors on (S,): the sum over rules."""
+    return np.sum([np.zeros(sensors), *(term.switching for term in terms if term.switching is not None)], axis=0)
+
+
+def switching_cost(rules: Sequence[AbstractRule], segments: Segments, chosen: np.ndarray) -> float:
+    """What the switching-ons of a schedule (K, S) cost, whether it keeps the rules or not."""
+    return float(switch_ons(chosen).sum(axis=0) @ switching_prices([rule.terms(segments) for rule in rules], chosen.shape[1]))

@@ -104,12 +104,6 @@ def schedule_information(blocks: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     return np.einsum("ks,ksij->ij", np.asarray(chosen, dtype=float), blocks)
 
 
-def schedule_value(blocks: np.ndarray, chosen: np.ndarray, criterion: AbstractCriterion | None = None) -> float:
-    """The criterion of a schedule's information; None: lambda_min."""
-    W = schedule_information(blocks, chosen)
-    return float(np.linalg.eigvalsh(W)[0]) if criterion is None else criterion.value(W)
-
-
 def block_values(blocks: np.ndarray, Z: np.ndarray) -> np.ndarray:
     """<W_ks, Z> (K, S): what each block adds in the direction of the dual Z."""
     return np.einsum("ksij,ij->ks", blocks, Z)

@@ -1,4 +1,4 @@
-"""Which rules a schedule breaks, and what it costs to switch by them."""
+"""Which rules a schedule breaks."""
 
 from __future__ import annotations
 
@@ -32,9 +32,3 @@ def _keeps_dwell(on: np.ndarray, minimum: int) -> bool:
     """Whether every stretch of a sensor (K,) is long enough, or ends with the path."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
     return all(last - first >= minimum or last == len(on) for first, last in zip(edges[::2], edges[1::2], strict=True))
-
-
-def switching_cost(rules: Sequence[AbstractRule], segments: Segments, chosen: np.ndarray) -> float:
-    """What the switching-ons of a schedule (K, S) cost, whether it keeps the rules or not."""
-    switching = [terms.switching for rule in rules if (terms := rule.terms(segments)).switching is not None]
-    return float(switch_ons(chosen).sum(axis=0) @ np.sum(switching, axis=0)) if switching else 0.0

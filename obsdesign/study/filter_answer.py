@@ -12,8 +12,8 @@ from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import select_for_filter
 from obsdesign.selection.posterior.lost_sensors import questions_without
 from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
-from obsdesign.selection.problem import SelectionProblem
-from obsdesign.study.broken_rules import rule_violations, switching_cost
+from obsdesign.selection.problem import SelectionProblem, switching_cost
+from obsdesign.study.broken_rules import rule_violations
 from obsdesign.study.rated_schedules import ALL_ON, FOR, GREEDY, FilterAnswer, RatedSchedule
 from obsdesign.study.record import Candidate
 from obsdesign.trajectory import Trajectory

@@ -14,7 +14,7 @@ from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.paths.b_spline import BSpline
 from obsdesign.paths.dubins_path import DubinsPath
-from obsdesign.paths.piecewise_constant import PiecewiseConstant
+from obsdesign.paths.piecewise_constant import PiecewiseConstant, piece_lengths
 from obsdesign.vehicles.dubins import Dubins
 from obsdesign.vehicles.omnidirectional import Omnidirectional
 from obsdesign.vehicles.unicycle import Unicycle
@@ -91,8 +91,7 @@ def held_lengths(problem: DesignProblem) -> tuple[int, ...]:
     """Steps of the pieces over which every path of the family holds its inputs."""
     path, steps = problem.path, problem.steps
     if isinstance(path, PiecewiseConstant):
-        marks = (2 * np.arange(path.pieces + 1) * steps + path.pieces) // (2 * path.pieces)
-        return tuple(np.diff(marks).tolist())
+        return tuple(piece_lengths(path.pieces, steps).tolist())
     if isinstance(path, BSpline | DubinsPath):
         return (1,) * steps
     raise InputError("the family of paths is none of the ready-made ones")

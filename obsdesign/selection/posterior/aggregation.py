@@ -20,7 +20,7 @@ from obsdesign.selection.posterior.ceiling import meet_of_groups
 from obsdesign.selection.posterior.clusters import cluster
 from obsdesign.selection.posterior.deepening import Chain, open_pairs, priced_cost, total_cost
 from obsdesign.selection.posterior.problem import PosteriorProblem
-from obsdesign.selection.posterior.trellis import first_by_key
+from obsdesign.selection.posterior.trellis import backtrack, first_by_key
 from obsdesign.selection.posterior.windows import smallest_by_key
 
 
@@ -145,7 +145,7 @@ def refine(
         layers.append(replace(steps, parent=label, state=state, P=labels.P))
         stages.append((label[best], steps.node[best]))
     bound = min(limit, float(total_cost(problem, relaxation.prices, labels.cost, labels.amounts).min()))
-    nodes = _backtrack(stages, int(total_cost(problem, relaxation.prices, labels.cost, labels.amounts).argmin()))
+    nodes = backtrack(stages, int(total_cost(problem, relaxation.prices, labels.cost, labels.amounts).argmin()))
     return Refinement(_with_costs_after(problem, layers, relaxation.prices, bound) if is_bound else None, nodes, simulated)
 
 
@@ -231,11 +231,3 @@ def _with_costs_after(problem: PosteriorProblem, layers: list[StateLayer], price
         cost = smallest_by_key(own, layer.parent, before)
         amounts = smallest_by_key(layer.amounts + amounts[:, layer.state], layer.parent, before)
     return Relaxation(done[::-1], prices, bound)
-
-
-def _backtrack(stages: list[tuple[np.ndarray, np.ndarray]], index: int) -> np.ndarray:
-    nodes = np.empty(len(stages), dtype=int)
-    for k in range(len(stages) - 1, -1, -1):
-        parent, node = stages[k]
-        nodes[k], index = node[index], int(parent[index])
-    return nodes

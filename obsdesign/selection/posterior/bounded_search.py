@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,7 +18,6 @@ from obsdesign.selection.posterior.trellis import follow_trellis, trellis_width
 from obsdesign.selection.posterior.windows import single_layers
 
 _MAX_TRELLIS = 4096  # partial schedules of a trellis
-_FULL_STEP = 250.0  # `step_size` up to which a search may take all of its steps; less of larger ones
 _QUICK = 4000  # times that a sample is taken in a segment by a trellis: those of more partial schedules are left to what follows
 _PRICE_FACTORS = (0.0, 0.5, 1.0, 1.5)  # times the best prices of limits: with which partial schedules are compared
 _EFFORT = WorkLimits(max_windows=60_000, max_simulated=1_500_000)
@@ -83,9 +83,9 @@ def _search_from(problem: PosteriorProblem, walk: Walk, gap: float, is_relative:
         """Return what may stay open at a cost, less what rounding takes."""
         return max(0.0, (gap * abs(value) if is_relative else gap) - lost)
 
-    if len(problem.ceilings) and problem.deadline.is_over:
+    if len(problem.ceilings) and problem.deadline.is_over:  # ceilings are computed first: they take time
         return Answer(walk, -np.inf, "nothing")
-    share *= min(1.0, _FULL_STEP / problem.step_size)
+    share *= problem.step_share
     if problem.segments <= _LONG:
         answer = prove_best(problem, walk, gap_at, _EFFORT.share(share))
     else:
@@ -198,8 +198,7 @@ def _refine_states(problem: PosteriorProblem, proof: Proof, gap_at: Callable[[fl
 
 def _can_hold(problem: PosteriorProblem, relaxation: Relaxation, width: int) -> bool:
     """Whether what goes on from so many states at once, by as many steps as from the states of a relaxation, can be held."""
-    pairs = zip(relaxation.layers, relaxation.layers[1:], strict=False)
-    steps = max((len(layer.node) / max(1, before.P.shape[2]) for before, layer in pairs), default=0.0)
+    steps = max((len(layer.node) / max(1, before.P.shape[2]) for before, layer in pairwise(relaxation.layers)), default=0.0)
     return width * steps * len(problem.P0) ** 2 <= MAX_ENTRIES
 
 

@@ -29,7 +29,6 @@ from obsdesign.selection.posterior.trellis import best_by_key, trellis_width
 from obsdesign.selection.posterior.windows import WindowLayer, single_layers
 
 _EFFORT = WorkLimits(max_windows=400_000, max_simulated=3_000_000)
-_FULL_STEP = 250.0  # `step_size` up to which all steps may be taken; less of larger ones
 _MAX_TRELLIS = 4096  # partial walks of a trellis
 _WORTH = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # of a unit of cost: what a factor e in the volume of an ellipsoid of errors is worth
 _SUM_ROUNDING = 1e-12  # of a sum of costs: what rounding may add to it
@@ -115,7 +114,7 @@ def _deeper(chain: Chain, limit: float, simulated: int) -> list[WindowLayer] | N
     most = min(
         _EFFORT.max_windows,
         MAX_ENTRIES // len(chain.problem.P0) ** 2,
-        _EFFORT.max_simulated * min(1.0, _FULL_STEP / chain.problem.step_size) - simulated,
+        _EFFORT.max_simulated * chain.problem.step_share - simulated,
     )
     pairs = all_open_pairs(chain, limit, most)
     return None if pairs is None else extend_windows(chain, pairs)

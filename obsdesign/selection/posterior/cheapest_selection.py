@@ -21,7 +21,7 @@ from obsdesign.rules.abstract import AbstractRule
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.selection.baselines import round_robin, single_sensor
 from obsdesign.selection.posterior.cheapest_search import Cheapest, Target, search_cheapest
-from obsdesign.selection.posterior.deadline import Deadline, deadline_after, require_time_limit
+from obsdesign.selection.posterior.deadline import Deadline, deadline_after
 from obsdesign.selection.posterior.filter_certificate import TIME_WAS_UP, failed_schedule, with_note
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
 from obsdesign.selection.posterior.formulation import OF_SEARCH, problem_of, settle_unknown_inputs
@@ -89,7 +89,7 @@ def cheapest_schedule(
     Raises InputError for what does not fit, SolveError where no schedule was found that keeps the requirements and none was proven
     impossible. Source of the bounds: docs/selection.md.
     """
-    deadline = deadline_after(require_time_limit(time_limit))
+    deadline = deadline_after(time_limit)
     require_count("per_segment", per_segment, maximum=len(system.model.channels))
     require_within("gap", gap)
     require_count("seed", seed, minimum=0)

@@ -38,12 +38,8 @@ NEVER = Deadline()
 
 
 def deadline_after(time_limit: float | None) -> Deadline:
-    """Return the deadline in so many seconds from now; None = never."""
-    return NEVER if time_limit is None else Deadline(monotonic() + time_limit)
-
-
-def require_time_limit(time_limit: float | None) -> float | None:
-    """Return a time limit [s], or raise InputError for one that is not above 0."""
-    if time_limit is not None:
-        require_positive("time_limit", time_limit)
-    return time_limit
+    """Return the deadline in so many seconds from now, None = never; raise InputError for a limit that is not above 0."""
+    if time_limit is None:
+        return NEVER
+    require_positive("time_limit", time_limit)
+    return Deadline(monotonic() + time_limit)

@@ -18,7 +18,7 @@ from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.posterior.bounded_search import Answer, first_walk, search
 from obsdesign.selection.posterior.comparison import compare_schedules
-from obsdesign.selection.posterior.deadline import Deadline, deadline_after, require_time_limit
+from obsdesign.selection.posterior.deadline import Deadline, deadline_after
 from obsdesign.selection.posterior.few_schedules import all_tried, best_of_few, few_walks
 from obsdesign.selection.posterior.filter_certificate import TIME_WAS_UP, accuracy_for, certify, failed_schedule, with_note
 from obsdesign.selection.posterior.filter_schedule import ComparedSchedule, FilterSchedule
@@ -95,7 +95,7 @@ def select_for_filter(
     Raises InputError for what does not fit, SolveError where no schedule keeps the rules.
     Source of the bounds: docs/selection.md.
     """
-    deadline = deadline_after(require_time_limit(time_limit))
+    deadline = deadline_after(time_limit)
     require_count("per_segment", per_segment, maximum=len(system.model.channels))
     require_within("gap", gap)
     require_count("seed", seed, minimum=0)
@@ -109,15 +109,14 @@ def select_for_filter(
     question, problem = formulate(question, options, deadline)
     sets = [question] if not robust_to else questions_without(question, robust_to)
     rivals = greedy_walk(problem)
-    rivals += (
-        [] if rivals and time_limit is not None else random_walks(problem, seed)
-    )  # if little is looked at, it is looked for what is best
+    if time_limit is None or not rivals:  # else the search comes first
+        rivals += random_walks(problem, seed)
     starts = [nodes for _, nodes in rivals]
     schedule = solve_for_losses(sets, problem, gap=gap, deadline=deadline, starts=starts) if robust_to else None
     schedule = schedule or solve_question(question, problem, gap=gap, deadline=deadline, starts=starts)
     if schedule.status.has_answer:
         problem = replace(problem, deadline=deadline)
-        rivals += random_walks(problem, seed) if len(rivals) == 1 else []
+        rivals += random_walks(problem, seed) if time_limit is not None and len(rivals) == 1 else []
         compared, is_cut = compare_schedules(question, sets, problem, per_segment, rivals)
         notes = floor_notes(question, options, schedule, deadline) if question.floors.any() else ()
         cut = ("time was up: not all others were compared",) if is_cut else ()

@@ -10,6 +10,7 @@ import numpy as np
 from obsdesign.rules.abstract import AbstractRule, Resource, Segments
 from obsdesign.selection.build import patterns_up_to
 from obsdesign.selection.pricing.dwell_chain import DwellChain
+from obsdesign.selection.problem import switch_ons, switching_prices
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Options:
 
     def switching_of(self, chosen: np.ndarray) -> float:
         """Return what the switching-ons of a schedule (K, S) cost, whether it keeps the rules or not."""
-        return float((chosen & ~np.vstack([self.on_before, chosen[:-1]])).sum(axis=0) @ self.switching)
+        return float(switch_ons(chosen, self.on_before).sum(axis=0) @ self.switching)
 
     @property
     def _is_on(self) -> np.ndarray:
@@ -77,7 +78,7 @@ class Options:
     @property
     def may_be_on(self) -> np.ndarray:
         """Which sensors are on under any choice (K, S)."""
-        return (self.allowed.astype(float) @ self.patterns[self.pattern_of_node]) > 0
+        return (self.allowed.astype(float) @ self._is_on) > 0
 
     def chosen(self, nodes: np.ndarray) -> np.ndarray:
         """Return the schedule (K, S) of a walk (K,)."""
@@ -85,7 +86,7 @@ class Options:
 
     def nodes_of(self, chosen: np.ndarray) -> np.ndarray | None:
         """Return a walk (K,) that is a schedule (K, S), whether its sensors are allowed or not; None where none follows the chain."""
-        fits = (self.patterns[self.pattern_of_node][None] == chosen[:, None, :]).all(axis=2)
+        fits = (self._is_on[None] == chosen[:, None, :]).all(axis=2)
         reached = [fits[0] & self.may_start]
         for fit in fits[1:]:
             reached.append(fit & self.follows[reached[-1]].any(axis=0))
@@ -116,7 +117,7 @@ def build_options(
         if term.admissible is not None:
             patterns = patterns[term.admissible(patterns)]
     dwell = np.max([np.ones(S, dtype=int), *(term.dwell for term in terms if term.dwell is not None)], axis=0)
-    switching = np.sum([np.zeros(S), *(term.switching for term in terms if term.switching is not None)], axis=0)
+    switching = switching_prices(terms, S)
     resources = tuple(term.resource for term in terms if term.resource is not None)
     chain = DwellChain(available, patterns, dwell)
     is_free = not (resources or switching.any() or (dwell > 1).any())

@@ -13,6 +13,8 @@ from obsdesign.selection.posterior.deadline import NEVER, Deadline
 from obsdesign.selection.posterior.options import Options
 from obsdesign.selection.posterior.segment_maps import SegmentMaps
 
+_FULL_STEP = 250.0  # `step_size` up to which a search may take all of its steps
+
 
 @dataclass(frozen=True, eq=False)
 class Purchase:
@@ -61,6 +63,11 @@ class PosteriorProblem:
         """How many numbers a step through a segment works on, about: n^2, once more for every eight samples."""
         T, R, n, _ = self.maps.rows.shape
         return n**2 * (1 + T * R / 8)
+
+    @property
+    def step_share(self) -> float:
+        """Share of the steps of a search that it may take: all up to a `step_size` of 250, fewer of larger ones."""
+        return min(1.0, _FULL_STEP / self.step_size)
 
     @cached_property
     def ceilings(self) -> np.ndarray:

@@ -17,7 +17,7 @@ from obsdesign.dynamics.simulation import simulate
 from obsdesign.errors import InputError, SolveError
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.posterior.deadline import deadline_after, require_time_limit
+from obsdesign.selection.posterior.deadline import deadline_after
 from obsdesign.selection.posterior.filter_certificate import schedule_without_answer
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import solve_question
@@ -77,7 +77,7 @@ def select_next(
         time_limit: the call ends about then [s], with what there is; None = never.
     """
     try:
-        deadline = deadline_after(require_time_limit(time_limit))
+        deadline = deadline_after(time_limit)
         settings = FilterSettings(
             segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active=None, floor=floor
         )

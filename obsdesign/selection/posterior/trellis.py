@@ -55,7 +55,7 @@ class PartialWalks:
 
 
 def start_of(problem: PosteriorProblem, count: int) -> PartialWalks:
-    """Return so many walks before the first segment, with nothing on."""
+    """Return so many walks before the first segment, at the node -1: what was on."""
     usage = np.zeros((len(problem.options.limits), count))
     P = np.repeat(problem.P0[:, :, None], count, axis=2)
     return PartialWalks(np.full(count, -1), np.zeros(count), np.full(count, -np.inf), usage, P)
@@ -78,7 +78,7 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, wi
     one from when the deadline is over.
     """
     options, rest = problem.options, smallest_rest(problem)
-    parents, choices, key, walks = [], [], np.zeros(1, dtype=np.int64), start_of(problem, 1)
+    stages, key, walks = [], np.zeros(1, dtype=np.int64), start_of(problem, 1)
     for k in range(problem.segments):
         steps = successors(problem, walks, k, rest)
         if not len(steps.node):
@@ -89,11 +89,10 @@ def follow_trellis(problem: PosteriorProblem, depth: int, prices: np.ndarray, wi
         score = walks.value(problem.is_worst) + prices @ walks.usage + (_TIE_BREAK * cost if problem.is_worst else 0.0)
         key = (key[steps.parent] * len(options.pattern_of_node) + steps.node) % len(options.pattern_of_node) ** depth
         best = best_by_key(key, score, 1 if problem.deadline.is_over else width)
-        parents.append(steps.parent[best])
-        choices.append(steps.node[best])
+        stages.append((steps.parent[best], steps.node[best]))
         key = key[best]
         walks = PartialWalks(walks.node[best], walks.total[best], walks.largest[best], walks.usage[:, best], walks.P[:, :, best])
-    return _backtrack(parents, choices, int(walks.value(problem.is_worst).argmin()))
+    return backtrack(stages, int(walks.value(problem.is_worst).argmin()))
 
 
 def trellis_width(problem: PosteriorProblem, share: float) -> int:
@@ -115,11 +114,12 @@ def best_by_key(key: np.ndarray, score: np.ndarray, width: int) -> np.ndarray:
     return best if len(best) <= width else np.sort(best[np.argsort(score[best], kind="stable")[:width]])
 
 
-def _backtrack(parents: list[np.ndarray], choices: list[np.ndarray], index: int) -> np.ndarray:
-    nodes = np.empty(len(choices), dtype=int)
-    for k in range(len(choices) - 1, -1, -1):
-        nodes[k] = choices[k][index]
-        index = int(parents[k][index])
+def backtrack(stages: list[tuple[np.ndarray, np.ndarray]], index: int) -> np.ndarray:
+    """Return the nodes (K,) that lead to a place in the last of K stages, each the place before and the node of its members (B,)."""
+    nodes = np.empty(len(stages), dtype=int)
+    for k in range(len(stages) - 1, -1, -1):
+        parent, node = stages[k]
+        nodes[k], index = node[index], int(parent[index])
     return nodes
 
 
