@@ -86,6 +86,7 @@ from .logs.recording import Recording as Recording
 from .logs.recording import Topic as Topic
 from .logs.samples import LogSamples as LogSamples
 from .logs.truth import LogTruth as LogTruth
+from .noise_density import PerSpeed as PerSpeed
 from .paths.b_spline import BSpline as BSpline
 from .paths.dubins_path import DubinsPath as DubinsPath
 from .paths.piecewise_constant import PiecewiseConstant as PiecewiseConstant

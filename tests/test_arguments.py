@@ -129,6 +129,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "MinimumDwell": {"least": 2},
     "Omnidirectional": {},
     "PathLength": {},
+    "PerSpeed": {"psd": 0.1},
     "PiecewiseConstant": {"pieces": 3},
     "Planner": {"problem": DESIGN_PROBLEM},
     "Polynomial": {"degree": 1},

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 import obsdesign as od
 from obsdesign.dynamics.measurement_noise import MeasurementNoise
+from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import CONSISTENT_SHARE, SETTLING_SHARE, _assess_consistency
@@ -501,7 +502,7 @@ def test_the_truth_of_a_flight_moves_as_the_pendulum_does():
         system=swinging(), start=(0.0, 0.0), duration=1.0, step=0.2, path=od.PiecewiseConstant(1), bounds=bounds, scale=(1.0, 10.0)
     )
     still = MeasurementNoise(np.zeros((5, 1)), np.zeros(1))
-    world = flight._Realisation(np.array([1.0, 0.0]), np.zeros((5, 2)), still, np.zeros((5, 1), dtype=bool))
+    world = flight._Realisation(np.array([1.0, 0.0]), ProcessNoise(((), ())), np.zeros((5, 0)), still, np.zeros((5, 1), dtype=bool))
     estimator = FilterBank(problem.system, problem.step, np.zeros((2, 2)))
     scene = flight._Simulation(problem, od.Prior((1.0, 0.0), std=(0.1, 0.1)), estimator, world)
     flown = flight._simulate_flight(scene, lambda *_: np.zeros(1))

@@ -13,6 +13,7 @@ from stacked import stacked
 import obsdesign as od
 from obsdesign.design.nlp.program import Program
 from obsdesign.dynamics.measurement_noise import measurement_noise
+from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.dynamics.simulation import readings, substeps_along
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import _draws, _MonteCarloTask
@@ -357,7 +358,7 @@ def test_joint_errors_of_the_truth_have_their_covariance_at_each_instant_and_non
         path,
         od.Prior(path.x[0], std=np.ones(5)),
         np.ones((4, 2), dtype=bool),
-        np.zeros((5, 0)),
+        ProcessNoise(((),) * 5),
         1,
         range(4000),
         od.ExtendedKalmanFilter(),
@@ -382,10 +383,10 @@ def test_the_filter_of_a_flight_knows_how_well_it_does(name: str):
     system, runs, steps = NOISY[name], 150, 12
     problem = od.DesignProblem(system, (0.0, 0.0, 0.3, 2.0, -1.0), 6.0, 0.5, od.PiecewiseConstant(2), {"turn_rate": (-0.3, 0.3)})
     prior = od.Prior(problem.x0, std=(3.0, 3.0, 0.03, 0.5, 0.5))
-    factor = np.diag(np.sqrt(np.array([0.01, 0.01, 1e-5, 1e-3, 1e-3]) * 0.5))
-    estimator, nees = FilterBank(system, 0.5, factor @ factor.T), np.zeros((runs, steps + 1))
+    noise = flying.noise_of(system.model, (0.01, 0.01, 1e-5, 1e-3, 1e-3), None, 0.5)
+    estimator, nees = FilterBank(system, 0.5, noise), np.zeros((runs, steps + 1))
     for seed in range(runs):
-        world = flying._draw_realisation(problem, prior, None, factor, steps, seed)
+        world = flying._draw_realisation(problem, prior, None, noise, steps, seed)
         nees[seed] = flying._simulate_flight(
             flying._Simulation(problem, prior, estimator, world), lambda k, *_: np.array([0.3 * (-1) ** k])
         ).nees

@@ -13,10 +13,10 @@ from flint import fmpq, fmpq_mat
 from test_lasting_errors import drawn_case, worst_error
 
 import obsdesign as od
+from obsdesign.dynamics.process_noise import noise_factor
 from obsdesign.dynamics.simulation import substeps_along
 from obsdesign.dynamics.step import looped_step
 from obsdesign.information import root_recursion
-from obsdesign.information.posterior import noise_factor
 
 # ---------------------------------------------------------------- chains of states with unknown inputs
 

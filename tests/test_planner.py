@@ -633,9 +633,9 @@ def test_where_all_is_linear_the_filter_in_the_loop_knows_what_the_bound_allows(
 
 def test_where_all_is_linear_errors_are_as_the_filter_says(cart: od.DesignProblem):
     """At every instant the NEES of 100 flights averages to n = 2, to within what chance allows once in a thousand times."""
-    factor = flying.noise_factor(CART_PSD, 2, cart.step)
-    estimator = flying.FilterBank(cart.system, cart.step, factor @ factor.T)
-    worlds = [flying._draw_realisation(cart, CART_PRIOR, None, factor, 12, seed) for seed in range(100)]
+    noise = flying.noise_of(cart.system.model, CART_PSD, None, cart.step)
+    estimator = flying.FilterBank(cart.system, cart.step, noise)
+    worlds = [flying._draw_realisation(cart, CART_PRIOR, None, noise, 12, seed) for seed in range(100)]
     flights = [flying._simulate_flight(flying._Simulation(cart, CART_PRIOR, estimator, world), lambda *_: np.ones(1)) for world in worlds]
     average = np.mean([flight.nees for flight in flights], axis=0)
     low, high = chi2.ppf([5e-4 / 13, 1 - 5e-4 / 13], 200) / 100

@@ -461,6 +461,22 @@ def test_a_schedule_serves_the_filter_where_there_is_process_noise(change, quest
     assert od.load_scenario(tmp_path / "scenario.toml").schedule_question == question
 
 
+def test_process_noise_is_of_states_and_inputs_at_rest_or_per_speed(tmp_path):
+    noise = "heading = 0.01\nwind_x = 0.1\nwind_y = 0.1"
+    (tmp_path / "inputs.toml").write_text(changed((noise, "heading_deg = 1\nturn_rate = 0.02")))
+    (tmp_path / "growing.toml").write_text(changed((noise, "x = { per_speed = 0.2, at_rest = 0.1 }\nturn_rate = { per_speed_deg = 1 }")))
+    plain, growing = od.load_scenario(tmp_path / "inputs.toml"), od.load_scenario(tmp_path / "growing.toml")
+    assert plain.disturbance_psd == pytest.approx((0.0, 0.0, np.radians(1) ** 2, 0.0, 0.0))
+    assert plain.input_psd == {"turn_rate": pytest.approx(4e-4)}
+    assert growing.disturbance_psd == od.PerSpeed((0.2**2, 0, 0, 0, 0), at_rest=(0.1**2, 0, 0, 0, 0))
+    assert growing.input_psd == {"turn_rate": od.PerSpeed(np.radians(1) ** 2, at_rest=0.0)}
+    assert plain.schedule_question == growing.schedule_question == "filter"
+    for wrong, part in (("speed = 0.1", "process_noise.speed"), ("x = { per_speed = -1.0 }", "process_noise.x.per_speed")):
+        (tmp_path / "wrong.toml").write_text(changed((noise, wrong)))
+        with pytest.raises(od.ScenarioError, match=part):
+            od.load_scenario(tmp_path / "wrong.toml")
+
+
 def test_a_criterion_gap_and_switching_costs_belong_to_the_question_that_is_asked(tmp_path):
     (tmp_path / "plain.toml").write_text(changed(rule('kind = "switching_cost"\ncost = 0.1')))
     (tmp_path / "start.toml").write_text(changed(selection('question = "start"\ngap = 1e-5\ncriterion = "log_det"')))

@@ -16,6 +16,7 @@ from scipy.linalg import toeplitz
 import obsdesign as od
 from obsdesign.design.nlp.program import Program
 from obsdesign.dynamics.measurement_noise import detections
+from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.validation import _draws, _MonteCarloTask
 from obsdesign.sensors.abstract import AbstractSensor
@@ -410,7 +411,7 @@ def drawn() -> tuple[np.ndarray, np.ndarray]:
         path,
         od.Prior(path.x[0], std=(1.0, 1.0, 1.0)),
         np.ones((60, 3), dtype=bool),
-        np.zeros((3, 0)),
+        ProcessNoise(((),) * 3),
         9,
         range(800),
         od.ExtendedKalmanFilter(),

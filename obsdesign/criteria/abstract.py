@@ -12,6 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     import cvxpy as cp
 
+    from obsdesign.noise_density import PerSpeed
     from obsdesign.prior import Prior
 
 Over: TypeAlias = Literal["end", "mean", "worst"] | Sequence[float] | np.ndarray
@@ -20,14 +21,15 @@ Over: TypeAlias = Literal["end", "mean", "worst"] | Sequence[float] | np.ndarray
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known beside the samples: the prior of x(t_0), psd (n,) or (n, n) of the process noise as tuples, unknown inputs.
+    """What is known beside the samples: the prior of x(t_0), psd's of states and inputs as tuples, unknown inputs.
 
     over: at which instants it is asked what the samples have added, as in `Posterior`; it is no part of what is known.
     """
 
     prior: Prior
-    disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | None
+    disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | PerSpeed | None
     unknown_inputs: tuple[str, ...]
+    input_psd: tuple[tuple[str, float | PerSpeed], ...] = ()
     over: Over = field(default="end", compare=False)
 
 

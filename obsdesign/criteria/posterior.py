@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from obsdesign.checks import as_array
 from obsdesign.criteria.abstract import AbstractCriterion, Knowledge, Over
 from obsdesign.criteria.min_eigenvalue import MinEigenvalue
 from obsdesign.errors import InputError
+from obsdesign.noise_density import PerSpeed
 from obsdesign.prior import Prior
 
 if TYPE_CHECKING:
@@ -42,17 +44,20 @@ class Posterior(AbstractCriterion):
 
     prior: Prior
     """What is known of x(t_0) before the first sample."""
-    disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | None = None
-    """Power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none."""
+    disturbance_psd: tuple[float, ...] | tuple[tuple[float, ...], ...] | PerSpeed | None = None
+    """Power spectral density (n,) or (n, n) of the process noise [unit^2/s], or a PerSpeed of it; None = none."""
     unknown_inputs: tuple[str, ...] = ()
     """Names of the inputs of which nothing is known."""
     criterion: AbstractCriterion = field(default_factory=MinEigenvalue)
     """What is asked of J (n, n), scaled as W is."""
     over: Over = "end"
     """Of which instants: the last, the mean of all costs, the largest, or their sum with weights (N,) >= 0, one for each step."""
+    input_psd: Mapping[str, float | PerSpeed] | tuple[tuple[str, float | PerSpeed], ...] = ()
+    """Known input -> power spectral density of its white noise [unit^2 s], or a PerSpeed of it; pairs of the two afterwards."""
 
     def __post_init__(self) -> None:
-        if self.disturbance_psd is not None:
+        object.__setattr__(self, "input_psd", tuple(dict(self.input_psd).items()))
+        if self.disturbance_psd is not None and not isinstance(self.disturbance_psd, PerSpeed):
             psd = as_array("posterior: disturbance_psd", self.disturbance_psd).tolist()
             object.__setattr__(self, "disturbance_psd", tuple(tuple(row) if isinstance(row, list) else row for row in psd))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
@@ -74,7 +79,7 @@ class Posterior(AbstractCriterion):
     @property
     def knowledge(self) -> Knowledge:
         """What makes J of the samples: the prior, the process noise, the unknown inputs; and when J is judged."""
-        return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs, self.over)
+        return Knowledge(self.prior, self.disturbance_psd, self.unknown_inputs, tuple(dict(self.input_psd).items()), self.over)
 
     def value(self, W: np.ndarray) -> float:
         """Return criterion(J)."""

@@ -72,7 +72,15 @@ class PathObjective:
     def _posterior(self, path: Trajectory, knowledge: Knowledge) -> np.ndarray:
         """J (N+1, n, n) about x(t_k), of the samples that have a weight."""
         active = None if self.weights is None else np.repeat(self.weights > 0, path.steps // len(self.weights), axis=0)
-        return posterior_information(self.system, path, knowledge.prior, knowledge.disturbance_psd, knowledge.unknown_inputs, active)
+        return posterior_information(
+            self.system,
+            path,
+            knowledge.prior,
+            knowledge.disturbance_psd,
+            knowledge.unknown_inputs,
+            active,
+            input_psd=knowledge.input_psd,
+        )
 
     def matrix(self, path: Trajectory) -> np.ndarray:
         """S (W + known) S (n, n) of a path."""

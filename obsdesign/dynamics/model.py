@@ -148,6 +148,15 @@ class Model:
         return ca.sqrt(self.u[0]) if self.is_per_step else 1.0
 
     @property
+    def speed(self) -> ca.SX:
+        """|v| of the states x and y, as drift and known inputs move them [m/s]; the way of a step [m] where time is counted in steps."""
+        import casadi as ca
+
+        rate = self.drift + self.B @ self.u
+        # not 0: the root keeps a derivative there
+        return ca.sqrt(ca.sumsqr(rate[[self.state_names.index(name) for name in ("x", "y")]]) + 1e-300)
+
+    @property
     def outputs_of(self) -> dict[str, tuple[int, ...]]:
         """For each sensor where its outputs stand among all."""
         return {channel.name: tuple(j for j, i in enumerate(self.output_owner) if i == s) for s, channel in enumerate(self.channels)}

@@ -49,6 +49,14 @@ class Step:
         """Return the step at w = 0, with its derivative to w there: of whoever does not know w, a filter or a design."""
         return self._substitute(self.w, ca.SX.zeros(self.w.numel())) if self.w.numel() else self
 
+    def split_disturbance(self, p: int) -> tuple[Step, ca.SX]:
+        """Return the step with its first p unknown inputs alone, the others being 0, and dx_next/dw of those others (n, .)."""
+        if p == self.w.numel():
+            return self, ca.SX(self.x.numel(), 0)
+        w = ca.SX.sym("w", p)
+        graph = self._substitute(self.w, ca.vertcat(w, ca.SX.zeros(self.w.numel() - p)))
+        return Step(self.x, self.u, w, graph.x_next, graph.F, graph.B_w[:, :p], graph.loop), graph.B_w[:, p:]
+
     def starting_at(self, x: ca.SX) -> Step:
         """Return the step from a state (n, 1) that is an expression."""
         return self._substitute(self.x, x)

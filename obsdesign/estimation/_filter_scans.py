@@ -8,11 +8,13 @@ from functools import lru_cache
 import casadi as ca
 
 from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.process_noise import model_with_noisy_inputs
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE
 from obsdesign.estimation._motion import Motion
+from obsdesign.estimation._noise import NoiseForm, NoiseGraph, noise_graph
 from obsdesign.estimation._samples import SampleInnovations, Samples
-from obsdesign.estimation._spread import AbstractSpread, RootSpread, root_graph, root_of_columns, spread_symbols
+from obsdesign.estimation._spread import root_graph, root_of_columns, spread_symbols
 from obsdesign.estimation.abstract import AbstractFilter, BeliefGraph, Moved, Prediction
 from obsdesign.estimation.gate import apply_gate
 from obsdesign.information.householder import triangular_factor
@@ -20,7 +22,7 @@ from obsdesign.information.householder import triangular_factor
 
 @dataclass(frozen=True)
 class FilterKey:
-    """What the loops of a filter depend on: the filter, the length of a step, its sub-steps, and whether roots are carried.
+    """What the loops of a filter depend on: the filter, the length of a step, its sub-steps, whether roots are carried, the form of noise.
 
     has_increments: whether a row is added to the state after each step, which the filter knows of.
     """
@@ -29,6 +31,7 @@ class FilterKey:
     step: float
     substeps: int
     has_roots: bool
+    noise: NoiseForm
     has_increments: bool = False
 
 
@@ -43,14 +46,13 @@ class _Graphs:
     counters: ca.SX
     carry: ca.SX
     samples: Samples
-    noise: AbstractSpread
-    noise_row: ca.SX
+    noise: NoiseGraph
     increment: ca.SX
 
     @property
     def step_rows(self) -> list[ca.SX]:
         """The rows of a step: inputs, process noise, and increments if there are any."""
-        return [self.model.u, self.noise_row, *([self.increment[: self.model.x.numel(), :]] if self.key.has_increments else [])]
+        return [self.model.u, self.noise.row, *([self.increment[: self.model.x.numel(), :]] if self.key.has_increments else [])]
 
     def update(self) -> _Updated:
         """Take in the samples."""
@@ -142,11 +144,13 @@ def smoother_scan(key: FilterKey, model: Model) -> Scan:
     X_k + G (X_k+1 - f(X_k)) with S_k S_k' = D D' + G S_k+1 S_k+1' G'.
     Source: Rauch, Tung, Striebel (1965), with roots as in Park and Kailath (1995).
     """
-    graphs, n = _graphs(key, model), Motion(model, key.step, key.substeps).size
+    graphs = _graphs(key, model)
+    n = graphs.motion.size
     later, later_column = spread_symbols("later", n, has_roots=True)
     X_later = ca.SX.sym("X_later", n)
     prediction = key.filter.predict(graphs.motion, graphs.belief)
-    gain, remainder = _smoother_gain(prediction, root_graph(graphs.noise))
+    added = graphs.noise.at(graphs.belief.mean[: model.x.numel(), :], prediction.B)
+    gain, remainder = _smoother_gain(prediction, root_graph(added))
     predicted = prediction.mean + graphs.increment if key.has_increments else prediction.mean
     mean = graphs.belief.mean + gain @ (X_later - predicted)
     column = root_of_columns(remainder, gain @ root_graph(later)).column
@@ -176,17 +180,14 @@ def _both(graphs: _Graphs, updated: _Updated, results: list[ca.SX]) -> Scan:
 
 
 def _graphs(key: FilterKey, model: Model) -> _Graphs:
-    motion = Motion(model, key.step, key.substeps)
+    model = model_with_noisy_inputs(model, key.noise.inputs)
+    motion = Motion(model, key.step, key.substeps, len(key.noise.inputs))
     n, q, size = model.x.numel(), len(model.outputs), motion.size
     X = ca.vertcat(model.x, ca.SX.sym("errors", size - n))
     spread, column = spread_symbols("spread", size, key.has_roots)
-    noise, noise_row = spread_symbols("noise", n, key.has_roots)
-    if model.is_per_step:
-        noise = noise.inflate(model.noise_scale**2)
-    if key.has_roots and size > n:
-        noise = RootSpread(ca.diagcat(root_graph(noise), motion.nuisance_noise))
+    noise = noise_graph(key.noise, model, key.has_roots, motion.nuisance_noise if key.has_roots and size > n else None)
     counters = ca.SX.sym("counters", 0 if key.filter.gate is None else 2 * len(model.channels))
     samples = Samples(model, motion.nuisance, ca.SX.sym("y", q), ca.SX.sym("active", q))
     carry = ca.vertcat(X, column, counters)
     increment = ca.vertcat(ca.SX.sym("increment", n), ca.SX.zeros(size - n))
-    return _Graphs(key, model, motion, BeliefGraph(X, spread), counters, carry, samples, noise, noise_row, increment)
+    return _Graphs(key, model, motion, BeliefGraph(X, spread), counters, carry, samples, noise, increment)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as ca
 
 from obsdesign.estimation._motion import Motion
+from obsdesign.estimation._noise import NoiseGraph
 from obsdesign.estimation._samples import Outputs, SampleInnovations, Samples, mask_rows
-from obsdesign.estimation._spread import AbstractSpread
 from obsdesign.estimation.abstract import BeliefGraph, Moved, Prediction
 
 
@@ -34,10 +34,11 @@ def linear_update(belief: BeliefGraph, outputs: Outputs, residual: ca.SX, is_tak
 def linear_prediction(motion: Motion, belief: BeliefGraph, root: ca.SX) -> Prediction:
     """Return f(m) with columns S before and F S after, F the derivative of the step at the mean m."""
     step = motion.linearise(belief.mean)
-    return Prediction(step.X_next, root, step.F @ root, step.loop)
+    return Prediction(step.X_next, root, step.F @ root, step.B, step.loop)
 
 
-def linear_move(motion: Motion, belief: BeliefGraph, noise: AbstractSpread) -> Moved:
+def linear_move(motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
     """Return f(m) and F P F' + Q."""
     step = motion.linearise(belief.mean)
-    return Moved(BeliefGraph(step.X_next, belief.spread.through(step.F, noise)), step.loop)
+    added = noise.at(belief.mean[: motion.model.x.numel(), :], step.B)
+    return Moved(BeliefGraph(step.X_next, belief.spread.through(step.F, added)), step.loop)

@@ -9,17 +9,21 @@ import casadi as ca
 from obsdesign.dynamics.inner_loop import InnerLoop
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
-from obsdesign.dynamics.step import Step, chain_steps, exact_step, looped_step
+from obsdesign.dynamics.step import Step, chain_steps, exact_step, looped_step, step_of
 from obsdesign.estimation._spread import root_values
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """X+ = (f(x, u), decay z, b): one step of a model, made of so many sub-steps, unknown inputs being 0."""
+    """X+ = (f(x, u), decay z, b): one step of a model, made of so many sub-steps, unknown inputs being 0.
+
+    The last `noisy_inputs` of the model's unknown inputs stand for the noise of known ones.
+    """
 
     model: Model
     step: float
     substeps: int
+    noisy_inputs: int = 0
 
     @property
     def u(self) -> ca.SX:
@@ -48,7 +52,15 @@ class Motion:
         n, decay = self.model.x.numel(), ca.SX(ca.DM(self.nuisance.transition))
         step_graph = looped_step(self.model, self.step, self.substeps).without_disturbance().starting_at(X[:n, :])
         F = ca.diagcat(step_graph.F, ca.diag(decay)) if self.nuisance.size else step_graph.F
-        return LinearMotion(ca.vertcat(step_graph.x_next, decay * X[n:, :]), F, step_graph.loop)
+        return LinearMotion(ca.vertcat(step_graph.x_next, decay * X[n:, :]), F, self._noisy(step_graph), step_graph.loop)
+
+    def input_columns(self, X: ca.SX) -> ca.SX:
+        """Return dx_next/dv (n, r) to the noise v of known inputs at X (n + e, 1)."""
+        graph = step_of(self.model, self.step, self.substeps).without_disturbance().starting_at(X[: self.model.x.numel(), :])
+        return self._noisy(graph)
+
+    def _noisy(self, step_graph: Step) -> ca.SX:
+        return step_graph.B_w[:, self.model.w.numel() - self.noisy_inputs :]
 
     def move(self, points: list[ca.SX]) -> PointMotion:
         """Return where points (n + e, 1) move."""
@@ -72,10 +84,14 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class LinearMotion:
-    """X_next (n, 1) and F = dX_next/dX (n, n), and the loop of sub-steps of which they are the end, if there is one."""
+    """X_next (n + e, 1), F = dX_next/dX and B = dx_next/dv (n, r), and the loop of sub-steps of which they are the end, if there is one.
+
+    v is the noise of known inputs.
+    """
 
     X_next: ca.SX
     F: ca.SX
+    B: ca.SX
     loop: InnerLoop | None
 
 

@@ -38,6 +38,14 @@ class AbstractSpread(ABC):
         """Return factor P."""
 
     @abstractmethod
+    def of_columns(self, columns: ca.SX) -> AbstractSpread:
+        """Return A A' of columns A (n, r), in the form of this one."""
+
+    @abstractmethod
+    def plus(self, other: AbstractSpread) -> AbstractSpread:
+        """Return P + P_other, of the same form."""
+
+    @abstractmethod
     def through(self, F: ca.SX, noise: AbstractSpread) -> AbstractSpread:
         """Return F P F' + noise."""
 
@@ -75,6 +83,14 @@ class CovarianceSpread(AbstractSpread):
     def inflate(self, factor: ca.SX | float) -> CovarianceSpread:
         """Return factor P."""
         return CovarianceSpread(factor * self.P)
+
+    def of_columns(self, columns: ca.SX) -> CovarianceSpread:
+        """Return A A'."""
+        return CovarianceSpread(columns @ columns.T)
+
+    def plus(self, other: AbstractSpread) -> CovarianceSpread:
+        """Return P + P_other."""
+        return CovarianceSpread(self.P + other.covariance)
 
     def through(self, F: ca.SX, noise: AbstractSpread) -> CovarianceSpread:
         """Return F P F' + Q."""
@@ -114,6 +130,14 @@ class RootSpread(AbstractSpread):
         """Return factor^1/2 S."""
         return RootSpread(ca.sqrt(factor) * self.S)
 
+    def of_columns(self, columns: ca.SX) -> RootSpread:
+        """Return A, which need not be square."""
+        return RootSpread(columns)
+
+    def plus(self, other: AbstractSpread) -> RootSpread:
+        """Return both roots side by side."""
+        return RootSpread(ca.horzcat(self.S, root_graph(other)))
+
     def through(self, F: ca.SX, noise: AbstractSpread) -> RootSpread:
         """Return the triangular root of F S S' F' + Q."""
         return root_of_columns(F @ self.S, root_graph(noise))
@@ -125,7 +149,7 @@ def root_of_columns(*columns: ca.SX) -> RootSpread:
 
 
 def root_graph(spread: AbstractSpread) -> ca.SX:
-    """Return S (n, n) of a spread that is carried as a root."""
+    """Return S (n, n), of noise (n, r), of a spread that is carried as a root."""
     if not isinstance(spread, RootSpread):
         raise TypeError("a covariance has no root in a graph")
     return spread.S

@@ -9,6 +9,7 @@ import casadi as ca
 
 from obsdesign.dynamics.inner_loop import InnerLoop
 from obsdesign.estimation._motion import Motion
+from obsdesign.estimation._noise import NoiseGraph
 from obsdesign.estimation._samples import SampleInnovations, Samples
 from obsdesign.estimation._spread import AbstractSpread, root_graph, root_of_columns
 from obsdesign.estimation.gate import Gate
@@ -26,13 +27,14 @@ class BeliefGraph:
 class Prediction:
     """Where a belief moves: mean (n, 1), and columns (n, r) before and after of which the covariances are the sums of squares.
 
-    Between them is the covariance of before with after, before @ after'; process noise is not in them. loop: of sub-steps, whose end
-    is in the graph.
+    Between them is the covariance of before with after, before @ after'; process noise is not in them. B (n, r): of the noise of inputs,
+    at the mean. loop: of sub-steps, whose end is in the graph.
     """
 
     mean: ca.SX
     before: ca.SX
     after: ca.SX
+    B: ca.SX
     loop: InnerLoop | None
 
     def with_noise(self, noise: AbstractSpread) -> Moved:
@@ -97,5 +99,5 @@ class AbstractFilter(AbstractEstimator, ABC):
         """Return where a belief that is carried as a root moves."""
 
     @abstractmethod
-    def move(self, motion: Motion, belief: BeliefGraph, noise: AbstractSpread) -> Moved:
+    def move(self, motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
         """Return the belief one step later, with that process noise."""

@@ -9,10 +9,12 @@ import numpy as np
 from obsdesign.checks import all_finite
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import substeps_needed
 from obsdesign.errors import InputError
 from obsdesign.estimation._filter_scans import FilterKey, filter_scan, predict_scan, report_scan, smoother_scan, update_scan
+from obsdesign.estimation._noise import NoiseForm, form_of, noise_row
 from obsdesign.estimation._spread import covariance_values, root_values, spread_values
 from obsdesign.estimation.abstract import AbstractEstimator
 from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
@@ -51,7 +53,7 @@ class SampleReports:
 
 @dataclass(frozen=True, eq=False)
 class FilterBank:
-    """Predict and update filters of one system side by side; noise (n, n): process covariance of one step of `step` seconds.
+    """Predict and update filters of one system side by side; noise: process noise of one step of `step` seconds, or its covariance (n, n).
 
     The filter's own model of the samples is the one that is stated: correlated, constant and joint errors are nuisance states
     beside x, see `NuisanceStates`. A sample has then nothing white left, and covariances are carried as roots.
@@ -60,7 +62,7 @@ class FilterBank:
 
     system: AbstractSystem
     step: float
-    noise: np.ndarray
+    noise: np.ndarray | ProcessNoise
     substeps: int | None = None
     tolerance: float = TOLERANCE
     estimator: AbstractEstimator = field(default_factory=ExtendedKalmanFilter)
@@ -133,7 +135,8 @@ class FilterBank:
         return self._key(int(substeps.max(initial=1)), has_increments)
 
     def _key(self, substeps: int, has_increments: bool = False) -> FilterKey:
-        return FilterKey(self.estimator.filter, self.step, substeps, self._has_roots, has_increments)
+        form = form_of(self.noise) if isinstance(self.noise, ProcessNoise) else NoiseForm()
+        return FilterKey(self.estimator.filter, self.step, substeps, self._has_roots, form, has_increments)
 
     @property
     def _nuisance(self) -> NuisanceStates:
@@ -156,6 +159,8 @@ class FilterBank:
 
     @property
     def _process_noise(self) -> np.ndarray:
+        if isinstance(self.noise, ProcessNoise):
+            return noise_row(self.noise, self._has_roots)
         return spread_values(np.asarray(self.noise, dtype=float), self._has_roots)
 
     def _run_once(self, scan: Scan, belief: Belief, rows: list[np.ndarray]) -> Belief:

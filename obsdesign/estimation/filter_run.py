@@ -11,14 +11,15 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.per_step import system_along
+from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.dynamics.simulation import as_inputs, as_lengths, inputs_along, times_of
 from obsdesign.errors import InputError
 from obsdesign.estimation.abstract import AbstractEstimator
 from obsdesign.estimation.estimate import Estimate
 from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from obsdesign.estimation.filter_bank import Belief, FilterBank, SampleReports
-from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_information import sampling_mask
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.trajectory import TOLERANCE, path_of
 
@@ -32,7 +33,8 @@ def estimate_states(
     dt: ArrayLike,
     *,
     active: ArrayLike | None = None,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     estimator: AbstractEstimator | None = None,
     tolerance: float = TOLERANCE,
 ) -> Estimate:
@@ -45,7 +47,8 @@ def estimate_states(
         y (N, q): outputs, in their units, in the order of the sensors; what is not there may be anything, such as NaN.
         dt: length of a step [s], or (N,) those of all steps, of which each may be another; t_0 = 0.
         active (N, S): bool, which sensors have a sample; None = all, as often as their rates say.
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd dt; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd dt; None = none. Or a PerSpeed.
+        input_psd: of known inputs, as for posterior_information; None = none.
         estimator: an ExtendedKalmanFilter, IteratedExtendedKalmanFilter, UnscentedKalmanFilter or FixedIntervalSmoother, with or without
             a Gate; None = the first, without one.
         tolerance: relative error of the steps, in (0, 1).
@@ -62,8 +65,8 @@ def estimate_states(
     path = path_of(times_of(lengths, len(inputs)), np.tile(prior.mean, (len(inputs) + 1, 1)), inputs, None, tolerance)
     along = system_along(system, path, active is not None)
     arrived = _arrived(along, active, path.steps, path.pace)
-    noise = noise_factor(disturbance_psd, len(model.states), path.pace)
-    bank = FilterBank(along, path.pace, noise @ noise.T, tolerance=tolerance, estimator=estimator or ExtendedKalmanFilter())
+    noise = noise_of(model, disturbance_psd, input_psd, path.pace)
+    bank = FilterBank(along, path.pace, noise, tolerance=tolerance, estimator=estimator or ExtendedKalmanFilter())
     is_active = arrived[:, list(model.output_owner)]
     _require_samples(system, samples, is_active)
     start = Belief(prior.mean[None], prior.covariance[None])

@@ -10,8 +10,9 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.estimation._linear_update import linear_innovations, linear_move, linear_prediction, linear_update
 from obsdesign.estimation._motion import Motion
+from obsdesign.estimation._noise import NoiseGraph
 from obsdesign.estimation._samples import SampleInnovations, Samples
-from obsdesign.estimation._spread import AbstractSpread, root_graph
+from obsdesign.estimation._spread import root_graph
 from obsdesign.estimation.abstract import AbstractFilter, BeliefGraph, Moved, Prediction
 
 
@@ -53,6 +54,6 @@ class IteratedExtendedKalmanFilter(AbstractFilter):
         """Return f(m), and S and F S."""
         return linear_prediction(motion, belief, root_graph(belief.spread))
 
-    def move(self, motion: Motion, belief: BeliefGraph, noise: AbstractSpread) -> Moved:
+    def move(self, motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
         """Return f(m) and F P F' + Q."""
         return linear_move(motion, belief, noise)

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_tolerance
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.per_step import PerStepSystem, require_uncorrelated
+from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.errors import InputError
 from obsdesign.estimation.abstract import AbstractEstimator
 from obsdesign.estimation.estimate import Estimate
 from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.estimation.filter_run import estimate_of, require_estimates, require_prior
-from obsdesign.information.posterior import noise_factor
 from obsdesign.information.recorded_samples import require_single_spread
 from obsdesign.logs.events import Events, events_of, input_integrals
 from obsdesign.logs.log import Log
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.trajectory import TOLERANCE, Trajectory
 
@@ -29,7 +29,8 @@ def estimate_log(
     log: Log,
     prior: Prior,
     *,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     estimator: AbstractEstimator | None = None,
     step: float | None = None,
     tolerance: float = TOLERANCE,
@@ -43,7 +44,8 @@ def estimate_log(
         system: vehicle and sensors; unknown inputs count as 0, or are states: see InputStates.
         log: the recorded run; its truth is not looked at.
         prior: what is known of the state at the log's beginning, `log.span[0]`.
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd dt; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd dt; None = none. Or a PerSpeed.
+        input_psd: of known inputs, as for posterior_information; None = none.
         estimator: as for estimate_states; None = an ExtendedKalmanFilter.
         step: length of the steps of a grid [s], to whose nearest instants samples are moved; None = no grid.
         tolerance: relative error of the steps, in (0, 1).
@@ -53,10 +55,9 @@ def estimate_log(
     require_tolerance(tolerance)
     require_prior(system, prior)
     require_uncorrelated(system.model)
-    events, n = events_of(system, log, step), len(system.model.states)
-    noise = noise_factor(disturbance_psd, n, 1.0)
+    events, noise = events_of(system, log, step), noise_of(system.model, disturbance_psd, input_psd, 1.0)
     per_step, chosen = PerStepSystem(system, has_arrived=True), estimator or ExtendedKalmanFilter()
-    bank = FilterBank(per_step, 1.0, noise @ noise.T, tolerance=tolerance, estimator=chosen)
+    bank = FilterBank(per_step, 1.0, noise, tolerance=tolerance, estimator=chosen)
     start = Belief(prior.mean[None], prior.covariance[None])
     belief, reports = bank.report(start, events.rows, events.y[:, None], _weights(system, events))
     require_estimates(system, belief, events.t)

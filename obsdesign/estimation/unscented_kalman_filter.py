@@ -10,8 +10,9 @@ import casadi as ca
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_within
 from obsdesign.estimation._motion import Motion
+from obsdesign.estimation._noise import NoiseGraph
 from obsdesign.estimation._samples import SampleInnovations, Samples, wrap_if_angle
-from obsdesign.estimation._spread import AbstractSpread, RootSpread, root_graph
+from obsdesign.estimation._spread import RootSpread, root_graph
 from obsdesign.estimation.abstract import AbstractFilter, BeliefGraph, Moved, Prediction
 from obsdesign.information.householder import triangular_factor
 
@@ -67,11 +68,13 @@ class UnscentedKalmanFilter(AbstractFilter):
         differences = [point - moved.points[0] for point in moved.points]
         shift = self._mean(differences)
         before = self._columns([point - belief.mean for point in points], ca.SX.zeros(belief.mean.numel()))
-        return Prediction(moved.points[0] + shift, before, self._columns(differences, shift), moved.loop)
+        B = motion.input_columns(belief.mean)
+        return Prediction(moved.points[0] + shift, before, self._columns(differences, shift), B, moved.loop)
 
-    def move(self, motion: Motion, belief: BeliefGraph, noise: AbstractSpread) -> Moved:
+    def move(self, motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
         """Return the belief one step later."""
-        return self.predict(motion, belief).with_noise(noise)
+        prediction = self.predict(motion, belief)
+        return prediction.with_noise(noise.at(belief.mean[: motion.model.x.numel(), :], prediction.B))
 
     def _kappa(self, n: int) -> float:
         return max(3.0 - n, 0.0) if self.kappa is None else self.kappa

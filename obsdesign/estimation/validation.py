@@ -18,17 +18,20 @@ from obsdesign.checks import as_array, require_count
 from obsdesign.display import AbstractDisplay, Summary, data_frame, number
 from obsdesign.dynamics.measurement_noise import MeasurementNoise, detections, is_in_sight, measurement_noise
 from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.noise_draws import input_noise_effect, state_noise, with_input_noise
 from obsdesign.dynamics.per_step import system_along
+from obsdesign.dynamics.process_noise import ProcessNoise, noise_of
 from obsdesign.dynamics.simulation import inputs_along, readings, states_from, substeps_along
 from obsdesign.errors import InputError
 from obsdesign.estimation.abstract import AbstractEstimator
 from obsdesign.estimation.extended_kalman_filter import ExtendedKalmanFilter
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.posterior import noise_factor, posterior_information
+from obsdesign.information.posterior import posterior_information
 from obsdesign.information.recorded_samples import recorded_samples
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.logs.log import Log
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.progress import Progress, StageReport
 from obsdesign.round_off import standard_deviations
@@ -102,7 +105,7 @@ class _MonteCarloTask:
     path: Trajectory
     prior: Prior
     active: np.ndarray
-    noise: np.ndarray
+    noise: ProcessNoise
     seed: int
     runs: range
     estimator: AbstractEstimator
@@ -119,7 +122,8 @@ def validate(
     runs: int = 200,
     seed: int = 0,
     executor: Executor | None = None,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     progress: Progress | None = None,
     estimator: AbstractEstimator | None = None,
     samples: Log | None = None,
@@ -142,7 +146,8 @@ def validate(
         runs: number of flights, at least 1.
         seed: seed of their noise.
         executor: any concurrent.futures.Executor of processes; the answer is the same for any number of them.
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], or a PerSpeed of it; None = none.
+        input_psd: of known inputs, as for posterior_information, held over each step in the truth; None = none.
         progress: is called with what is being done, as it begins; None = nobody is told.
         estimator: which filter; None = an ExtendedKalmanFilter that takes all samples in. A smoother may well be better than
             the bound, which is of the samples so far.
@@ -155,8 +160,9 @@ def validate(
     require_fit(system, path)
     walk, report = _walk_along(system, path, schedule, samples), StageReport(_LOGGER, progress)
     report("the posterior bound")
-    J = posterior_information(walk.system, walk.path, prior, disturbance_psd, active=walk.active)
-    noise, along = noise_factor(disturbance_psd, path.x.shape[1], walk.path.pace), system_along(walk.system, walk.path, True)
+    J = posterior_information(walk.system, walk.path, prior, disturbance_psd, active=walk.active, input_psd=input_psd)
+    noise = noise_of(walk.system.model, disturbance_psd, input_psd, walk.path.pace)
+    along = system_along(walk.system, walk.path, True)
     remainder, chosen = motion_beyond_model(along, walk.path), estimator or ExtendedKalmanFilter()
     chunks = [range(first, min(first + _RUNS_PER_TASK, runs)) for first in range(0, runs, _RUNS_PER_TASK)]
     tasks = [_MonteCarloTask(along, walk.path, prior, walk.active, noise, seed, chunk, chosen, remainder) for chunk in chunks]
@@ -219,17 +225,18 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     """Return sums of squared errors (N+1, n) and NEES (N+1, R) of one chunk of runs."""
     system, path, model = task.system, task.path, task.system.model
     draws = [_draws(task, run) for run in task.runs]
-    initial_errors, process_noise, varying, constant, is_detected = (np.stack(parts) for parts in zip(*draws, strict=True))
-    substeps, (u, w) = substeps_along(system, path), inputs_along(system, path)
+    initial_errors, process_noise, varying, constant, is_detected, input_noise = (np.stack(parts) for parts in zip(*draws, strict=True))
+    substeps, u = substeps_along(system, path), inputs_along(system, path)[0]
     if task.remainder is None:
         starts = np.tile(path.x[0], (len(task.runs), 1))
-        truth, told = states_from(system, starts, u, path.pace, w, process_noise, substeps=substeps), None
+        noisy, w = with_input_noise(system, path, task.noise, input_noise)
+        truth, told = states_from(noisy, starts, u, path.pace, w, process_noise, substeps=substeps), None
     else:
-        truth, told = path.x[None], process_noise + task.remainder
+        truth, told = path.x[None], process_noise + task.remainder + input_noise_effect(system, path, task.noise, input_noise)
     path_readings = readings(system, truth[:, :-1])
     y = MeasurementNoise(varying, constant).added_to(path_readings)
     active = task.active[:, list(model.output_owner)] & is_in_sight(model, path_readings.gate) & is_detected
-    bank = FilterBank(system, path.pace, task.noise @ task.noise.T, substeps, estimator=task.estimator)
+    bank = FilterBank(system, path.pace, task.noise, substeps, estimator=task.estimator)
     initial = Belief(path.x[0] + initial_errors, np.tile(task.prior.covariance, (len(task.runs), 1, 1)))
     belief = bank.run(initial, u, y.swapaxes(0, 1), active.swapaxes(0, 1), told)
     is_angle = np.array([state.is_angle for state in model.states])
@@ -238,21 +245,21 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
     return np.sum(errors**2, axis=1), np.einsum("kri,kri->kr", errors, weighted)
 
 
-def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Initial error (n,), process noise (N, n), varying (N, q) and constant (q,) errors of the samples, and which are detected (N, q).
+def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, ...]:
+    """Initial error (n,), process noise (N, n), varying (N, q) and constant (q,) errors of the samples, which are detected (N, q).
 
-    From a stream of the run's own.
+    And noise of inputs (N, r), N(0, 1) each. From a stream of the run's own.
     """
     random = np.random.default_rng([task.seed, run])
     model, path = task.system.model, task.path
     initial_error = np.linalg.cholesky(task.prior.covariance) @ random.standard_normal(path.x.shape[1])
-    process_noise = random.standard_normal((path.steps, task.noise.shape[1])) @ task.noise.T
-    if not path.is_even:
-        process_noise *= np.sqrt(path.lengths)[:, None]
+    process_noise = state_noise(task.system, path, task.noise, random.standard_normal((path.steps, task.noise.state_columns)))
     white = random.standard_normal((path.steps, len(model.outputs)))
     is_sampled = sampling_mask(task.system, path.steps, path.pace)[:, list(model.output_owner)]
     noise = measurement_noise(model, white, random.standard_normal(white.shape[1]), is_sampled)
-    return initial_error, process_noise, noise.varying, noise.constant, detections(model, random, path.steps)
+    is_detected = detections(model, random, path.steps)
+    input_noise = random.standard_normal((path.steps, len(task.noise.inputs)))
+    return initial_error, process_noise, noise.varying, noise.constant, is_detected, input_noise
 
 
 def _assess_consistency(t: np.ndarray, rmse: np.ndarray, bound: np.ndarray, nees: np.ndarray, seed: int) -> Validation:

@@ -7,6 +7,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from obsdesign.dynamics.driven_step import driven_step
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.nuisance_states import nuisance_of
 from obsdesign.dynamics.scan import Scan
@@ -42,11 +43,11 @@ def _backward_scan(model: Model, step: float, disturbance: Disturbance, substeps
 
     Result: L [F B] (n, n + p), L the root before the noise of that step, about (x_k, w_k).
     """
-    step_graph = looped_step(model, step, substeps)
-    n, weights = len(model.states), ca.SX.sym("active", len(model.channels))
+    driven = driven_step(model, step, substeps, disturbance.noise)
+    step_graph, n, weights = driven.step, len(model.states), ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", n, n), ca.SX.sym("rounding", n)
     B, samples = step_graph.B_w[:, list(disturbance.unknown)], rows_of_samples(model, weights)
-    after_noise = InformationRoot(L, rounding, ca.SX(0, L.shape[1])).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    after_noise = InformationRoot(L, rounding, ca.SX(0, L.shape[1])).add_noise(driven.noise)
     earlier = predict_back(after_noise, step_graph.F, B).with_rows(samples)
     results = [ca.vec(ca.densify(after_noise.T @ ca.horzcat(step_graph.F, B)))]
     carry_next = ca.vertcat(ca.vec(ca.densify(earlier.T)), earlier.rounding)
@@ -95,13 +96,13 @@ def _backward_nuisance_scan(model: Model, step: float, disturbance: Disturbance,
 
     Result: L [F 0 B] about (b, x_k, z_k, w_k).
     """
-    step_graph, nuisance, n = looped_step(model, step, substeps), nuisance_of(model, step), len(model.states)
-    a, c = len(nuisance.coloured), len(nuisance.constant)
+    driven, nuisance, n = driven_step(model, step, substeps, disturbance.noise), nuisance_of(model, step), len(model.states)
+    step_graph, a, c = driven.step, len(nuisance.coloured), len(nuisance.constant)
     size, weights = a + c + n, ca.SX.sym("active", len(model.channels))
     L, rounding = ca.SX.sym("L", size, size), ca.SX.sym("rounding", size)
     B = ca.vertcat(ca.SX(c, step_graph.B_w.shape[1]), step_graph.B_w, ca.SX(a, step_graph.B_w.shape[1]))
-    noise = np.pad(disturbance.L, ((c, a), (0, 0)))
-    after_noise = InformationRoot(L, rounding, ca.SX(0, L.shape[1])).add_noise(model.noise_scale * ca.sparsify(ca.SX(ca.DM(noise))))
+    r = driven.noise.shape[1]
+    after_noise = InformationRoot(L, rounding, ca.SX(0, L.shape[1])).add_noise(ca.vertcat(ca.SX(c, r), driven.noise, ca.SX(a, r)))
     F, B = ca.diagcat(ca.SX.eye(c), step_graph.F, ca.SX.eye(a)), B[:, list(disturbance.unknown)]
     rows, transition, error_noise = samples_given_previous(model, nuisance, weights)
     earlier = predict_back(after_noise, F, B).add_noise(error_noise).transform(transition).with_rows(rows)

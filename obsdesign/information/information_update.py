@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.information.householder import solve, triangular_factor
 from obsdesign.information.input_exchange import deflate, exchange_inputs, largest_entry
 
@@ -19,15 +20,10 @@ _SIGNIFICANCE = 1e3  # how many times the rounding of one step a number must hav
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What moves the state beside its inputs: columns of unknown inputs (indices), and L (n, r), L L' = psd * step, as rows."""
+    """What moves the state beside its inputs: columns of unknown inputs (indices), and noise."""
 
     unknown: tuple[int, ...]
-    noise: tuple[tuple[float, ...], ...]
-
-    @property
-    def L(self) -> np.ndarray:
-        """L (n, r)."""
-        return np.array(self.noise)
+    noise: ProcessNoise
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,19 +134,16 @@ def _difference(A: ca.SX, B: ca.SX) -> ca.SX:
     return (A + _RESIDUE_SCALE * difference != A) * difference
 
 
-def predict(
-    root: InformationRoot, F: ca.SX, B_w: ca.SX, disturbance: Disturbance, unit: ca.SX, scale: ca.SX | float = 1.0
-) -> InformationRoot:
-    """Return the root about x_k+1 = F x_k + B_w w + L noise where this one is about x_k: of M - M B (B'M B + Q^-1)^# B'M with M = T'T.
+def predict(root: InformationRoot, F: ca.SX, B: ca.SX, noise: ca.SX, unit: ca.SX) -> InformationRoot:
+    """Return the root about x_k+1 = F x_k + B w + noise e where this one is about x_k: of M - M B (B'M B + Q^-1)^# B'M with M = T'T.
 
-    B holds the columns of the unknown inputs, for which Q^-1 = 0, and L, for which it is I; unit (n, 1): a size of each
-    state; scale: a factor on L.
+    B (n, p) holds the columns of the unknown inputs, for which Q^-1 = 0, noise (n, r) those for which it is I; unit (n, 1): a size of
+    each state.
     """
-    noise = scale * ca.sparsify(ca.SX(ca.DM(disturbance.L)))
-    if not disturbance.unknown:
+    if not B.shape[1]:
         return root.transform(solve(F, ca.SX.eye(F.shape[0]))).add_noise(noise)
     root = root.scale(unit).without_residues()
-    exchange = exchange_inputs(*in_units(F, B_w[:, list(disturbance.unknown)], unit), root.rounding)
+    exchange = exchange_inputs(*in_units(F, B, unit), root.rounding)
     for column in range(exchange.Q.shape[1]):
         root = root.eliminate(exchange.Q[:, column])
     root = root.transform(exchange.X, exchange.magnitudes).add_solution_error(exchange.A, exchange.inverse)

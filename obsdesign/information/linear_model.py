@@ -97,14 +97,14 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
     Raises InputError for samples that have no derivative.
     """
     model, nuisance, n = system.model, nuisance_of(system.model, path.step), path.x.shape[1]
-    linearisation = linearise(system, path, weights)
+    linearisation = linearise(system, path, weights, disturbance.noise)
     N, q, c, a = path.steps, len(model.output_owner), len(nuisance.constant), len(nuisance.coloured)
     B = linearisation.B[:, :, list(disturbance.unknown)]
-    size, L = n + c + a, disturbance.L
+    size, L = n + c + a, linearisation.noise
     transition, noise, covariance = np.zeros((N, size, size)), np.zeros((N, size, size)), np.zeros((size, size))
     transition[:, :n, :n] = linearisation.F
     transition[:, range(n, size), range(n, size)] = np.concatenate([np.ones(c), nuisance.decay])
-    noise[:, :n, :n] = L @ L.T
+    noise[:, :n, :n] = L @ L.swapaxes(1, 2)
     noise[:, n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.driving_covariance
     covariance[:n, :n], covariance[n : n + c, n : n + c] = prior.covariance, np.eye(c)
     covariance[n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.R

@@ -25,7 +25,7 @@ _NOTHING = 1e-30  # share of a column below which entries need not agree
 class LinearProblem:
     """Errors (b, x) of the linearisation along a path; counts (N, q): how often a sample counts; P (n, n) before the samples at t_0.
 
-    unknown: columns of its B; L (n, r): columns of noise, N(0, 1) each, in every step.
+    unknown: columns of its B.
     """
 
     linearisation: PathLinearisation
@@ -33,7 +33,6 @@ class LinearProblem:
     counts: np.ndarray
     P: np.ndarray
     unknown: tuple[int, ...]
-    L: np.ndarray
 
     @property
     def n_constants(self) -> int:
@@ -46,9 +45,9 @@ class LinearProblem:
         return self.n_constants + len(self.P)
 
     @cached_property
-    def noise(self) -> arb_mat:
-        """L about (b, x)."""
-        return _matrix(np.pad(self.L, ((self.n_constants, 0), (0, 0))))
+    def noise(self) -> np.ndarray:
+        """Columns of noise of each step (N, c + n, r), about (b, x)."""
+        return np.pad(self.linearisation.noise, ((0, 0), (self.n_constants, 0), (0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +118,8 @@ def _informations(problem: LinearProblem) -> Iterator[arb_mat]:
         for q in exchange.Q:
             known = known.move_along(q, 0)
         known = known.transform(exchange.X)
-        for j in range(problem.L.shape[1]):
-            known = known.move_along(_column(problem.noise, j) * arb(problem.linearisation.noise_scales[k]), 1)
+        for column in problem.noise[k].T:
+            known = known.move_along(_matrix(column[:, None]), 1)
     yield known.J
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates
 from obsdesign.information.householder import solve
-from obsdesign.information.information_update import Disturbance, InformationRoot, in_units
+from obsdesign.information.information_update import InformationRoot, in_units
 from obsdesign.information.input_exchange import exchange_inputs
 
 
@@ -101,27 +101,20 @@ def output_spread(model: Model, output: int) -> ca.SX:
 
 
 def predict_with_errors(
-    root: InformationRoot,
-    errors: ErrorDistribution,
-    F: ca.SX,
-    B_w: ca.SX,
-    disturbance: Disturbance,
-    unit: ca.SX,
-    *,
-    scale: ca.SX | float = 1.0,
+    root: InformationRoot, errors: ErrorDistribution, F: ca.SX, B: ca.SX, noise: ca.SX, unit: ca.SX
 ) -> tuple[InformationRoot, ErrorDistribution]:
-    """Return root and errors about (b, x_k+1), for x_k+1 = F x_k + B w + scale L noise, where these are about (b, x_k); z stays.
+    """Return root and errors about (b, x_k+1), for x_k+1 = F x_k + B w + noise e, where these are about (b, x_k); z stays.
 
     An unknown input leaves x = X x' + q t with t | x' ~ N(-g'T X x' / g'g, 1 / g'g), g = T q, so M' = (M - (M q) g'T / g'g) X and
     V' = V + (M q)(M q)' / g'g. Rows of M are combinations of rows of T: what says nothing of x says nothing of z.
     """
     c = root.T.shape[1] - F.shape[0]
-    noise = ca.vertcat(ca.SX(c, disturbance.L.shape[1]), scale * ca.sparsify(ca.SX(ca.DM(disturbance.L))))
+    noise = ca.vertcat(ca.SX(c, noise.shape[1]), noise)
     transition, all_units = ca.diagcat(ca.SX.eye(c), F), ca.vertcat(ca.SX.ones(c), unit)
-    if not disturbance.unknown:
+    if not B.shape[1]:
         X = solve(transition, ca.SX.eye(c + F.shape[0]))
         return _add_noise_with_errors(root.transform(X), ErrorDistribution(errors.M @ X, errors.V), noise)
-    input_columns = ca.vertcat(ca.SX(c, B_w.shape[1]), B_w)[:, list(disturbance.unknown)]
+    input_columns = ca.vertcat(ca.SX(c, B.shape[1]), B)
     root, M, V = root.scale(all_units).without_residues(), errors.M @ ca.diag(all_units), errors.V
     exchange = exchange_inputs(*in_units(transition, input_columns, all_units), root.rounding)
     for column in range(exchange.Q.shape[1]):

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_known
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.nuisance_states import nuisance_of
 from obsdesign.dynamics.per_step import system_along
+from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.errors import InputError
 from obsdesign.information.backward_pass import (
@@ -26,6 +26,7 @@ from obsdesign.information.recorded_samples import recorded_samples
 from obsdesign.information.root_recursion import error_rows_of, forward_scan, initial_carry_of, posterior_roots
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.logs.log import Log
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.trajectory import Trajectory
 
@@ -37,10 +38,11 @@ def posterior_information(
     system: AbstractSystem,
     path: Trajectory,
     prior: Prior,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
     unknown_inputs: Sequence[str] = (),
     active: np.ndarray | None = None,
     *,
+    input_psd: InputPsd = None,
     samples: Log | None = None,
 ) -> np.ndarray:
     """Return J (N+1, n, n), the information about x(t_k): J[k] includes the samples at t_k for k < N, J[N] is predicted.
@@ -55,17 +57,21 @@ def posterior_information(
         system: vehicle and sensors.
         path: the path along which samples are taken.
         prior: what is known of x(t_0).
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * step; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * step; None = none. Or a
+            PerSpeed of it.
         unknown_inputs: names of the inputs of which nothing is known.
         active (N, S): bool, which sensors are on; None = all.
+        input_psd: name of a known input -> power spectral density of its white noise [unit^2 s], or a PerSpeed of it: Q is then
+            B psd step B' more, B the derivative of the step to the integral of that input. None = none.
         samples: a log, whose samples count that arrived, each at its own time; at t_k those up to then. With active, those of sensors
             that are on from t_k to t_k+1. None = those that the sensors' rates promise.
     Raises InputError for shapes that do not fit, unknown names, and unknown inputs of which a combination leaves no trace in
     any output. Source: Tichavsky, Muravchik, Nehorai (1998).
     """
     if samples is not None:
-        return _posterior_of_log(system, path, prior, disturbance_psd, unknown_inputs, active=active, log=samples)
-    disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
+        psds = disturbance_psd, input_psd
+        return _posterior_of_log(system, path, prior, psds, unknown_inputs, active=active, log=samples)
+    disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs, input_psd)
     system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
     return _information_along(system, path, prior, disturbance, weights)
@@ -75,7 +81,7 @@ def _posterior_of_log(
     system: AbstractSystem,
     path: Trajectory,
     prior: Prior,
-    disturbance_psd: ArrayLike | None,
+    psds: tuple[DisturbancePsd, InputPsd],
     unknown_inputs: Sequence[str],
     *,
     active: np.ndarray | None,
@@ -88,7 +94,7 @@ def _posterior_of_log(
     weights = events.weights
     if active is not None:
         weights = weights * weights_of(per_step, path, active)[events.step]
-    disturbance = disturbance_of(per_step, events.path, prior, disturbance_psd, unknown_inputs)
+    disturbance = disturbance_of(per_step, events.path, prior, psds[0], unknown_inputs, psds[1])
     return _information_along(per_step, events.path, prior, disturbance, weights)[events.nodes]
 
 
@@ -108,9 +114,11 @@ def unknown_input_information(
     system: AbstractSystem,
     path: Trajectory,
     prior: Prior,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
     unknown_inputs: Sequence[str] = (),
     active: np.ndarray | None = None,
+    *,
+    input_psd: InputPsd = None,
 ) -> np.ndarray:
     """Return (N, p, p), the information about the unknown inputs w_k, held from t_k to t_k+1, of all samples along the path.
 
@@ -122,14 +130,15 @@ def unknown_input_information(
         system: vehicle and sensors.
         path: the path along which samples are taken.
         prior: what is known of x(t_0).
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], or a PerSpeed of it; None = none.
         unknown_inputs: names of the p inputs of which nothing is known, at least one.
         active (N, S): bool, which sensors are on; None = all.
+        input_psd: of known inputs, as for posterior_information.
     Raises InputError as posterior_information, and without unknown inputs.
     """
     if not unknown_inputs:
         raise InputError("unknown_inputs is empty: there is no input to know anything of")
-    disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs)
+    disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs, input_psd)
     system = system_along(system, path, active is not None)
     weights = weights_of(system, path, active)
     # of the integral over a step where time is counted in steps
@@ -167,7 +176,12 @@ def _rows_with_nuisance(
 
 
 def disturbance_of(
-    system: AbstractSystem, path: Trajectory, prior: Prior, disturbance_psd: ArrayLike | None, unknown_inputs: Sequence[str]
+    system: AbstractSystem,
+    path: Trajectory,
+    prior: Prior,
+    disturbance_psd: DisturbancePsd,
+    unknown_inputs: Sequence[str],
+    input_psd: InputPsd = None,
 ) -> Disturbance:
     """Return what moves the state; raise InputError for what does not fit."""
     require_fit(system, path)
@@ -177,32 +191,7 @@ def disturbance_of(
     require_known("unknown_inputs", unknown_inputs, [signal.name for signal in model.unknown_inputs])
     names = [signal.name for signal in model.unknown_inputs]
     unknown = tuple(names.index(name) for name in dict.fromkeys(unknown_inputs))
-    noise = noise_factor(disturbance_psd, path.x.shape[1], path.pace)
-    return Disturbance(unknown, tuple(map(tuple, noise.tolist())))
-
-
-def noise_factor(disturbance_psd: ArrayLike | None, n: int, step: float) -> np.ndarray:
-    """Return L (n, r) with L L' = psd * step; raise InputError unless the psd is (n,) >= 0 or (n, n) positive semidefinite."""
-    if disturbance_psd is None:
-        return np.zeros((n, 0))
-    psd = as_array("disturbance_psd", disturbance_psd)
-    if psd.shape not in {(n,), (n, n)}:
-        raise InputError(f"disturbance_psd has shape {psd.shape}: must be finite, ({n},) or symmetric ({n}, {n})")
-    if not np.isfinite(psd).all():
-        index = np.argwhere(~np.isfinite(psd))[0]
-        raise InputError(f"disturbance_psd[{', '.join(map(str, index))}] is {psd[tuple(index)]}: must be finite")
-    is_matrix = psd.ndim == 2
-    psd = psd if is_matrix else np.diag(psd)
-    skew = np.abs(psd - psd.T).max(initial=0.0)
-    if skew > 1e-9 * np.abs(psd).max(initial=0.0):
-        raise InputError(f"disturbance_psd differs from its transpose by {skew:.3g}: must be symmetric")
-    unit = np.sqrt(np.maximum(np.diag(psd), 0.0)) if is_matrix else np.ones(n)  # units of states may be far apart
-    unit = np.where(unit > 0, unit, 1.0)
-    values, vectors = np.linalg.eigh(psd / unit[:, None] / unit)
-    if values[0] < -1e-12 * max(values[-1], 0.0):
-        raise InputError(f"disturbance_psd has the eigenvalue {values[0]:g}: must be positive semidefinite")
-    is_positive = values > 0
-    return unit[:, None] * vectors[:, is_positive] * np.sqrt(values[is_positive] * step)
+    return Disturbance(unknown, noise_of(model, disturbance_psd, input_psd, path.pace))
 
 
 def weights_of(system: AbstractSystem, path: Trajectory, active: np.ndarray | None) -> np.ndarray:

@@ -7,11 +7,12 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
+from obsdesign.dynamics.driven_step import driven_step
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
-from obsdesign.dynamics.step import CACHE_SIZE, looped_step
+from obsdesign.dynamics.step import CACHE_SIZE
 from obsdesign.information.backward_pass import raise_not_finite, rows_of_samples
 from obsdesign.information.information_update import Disturbance, InformationRoot, predict
 from obsdesign.information.linearisation import linearise
@@ -37,7 +38,7 @@ def initial_carry_of(prior: Prior, nuisance: NuisanceStates, error_rows: int) ->
 
 def error_rows_of(disturbance: Disturbance) -> int:
     """How many rows of errors are carried beside T: where something moves the state, what is left may be rounding of what that took."""
-    return int(bool(disturbance.unknown or disturbance.L.size))
+    return int(bool(disturbance.unknown or disturbance.noise.is_any))
 
 
 @lru_cache(CACHE_SIZE)
@@ -48,24 +49,22 @@ def forward_scan(model: Model, step: float, disturbance: Disturbance, substeps: 
     as well. With errors that last, T is about the constant ones and the state, and M and V of the others follow; see
     `ErrorDistribution`. with_errors: R, M and V are the results.
     """
-    step_graph, nuisance = looped_step(model, step, substeps), nuisance_of(model, step)
+    driven, nuisance = driven_step(model, step, substeps, disturbance.noise), nuisance_of(model, step)
+    step_graph, B = driven.step, driven.step.B_w[:, list(disturbance.unknown)]
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     error_rows = error_rows_of(disturbance)
     root = InformationRoot(ca.SX.sym("T", c + n, c + n), ca.SX.sym("rounding", c + n), ca.SX.sym("error", error_rows, c + n))
     weights, unit = ca.SX.sym("active", len(model.channels)), ca.SX.sym("unit", n)
-    scale = model.noise_scale
     M, (V, entries) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     errors = ErrorDistribution(M, V)
     carry = ca.vertcat(_carry_of(root), ca.vec(M), entries)
     if nuisance.size:
         rows, counts, errors = update_with_samples(model, nuisance, errors, weights)
         updated = root.with_rows(ca.sqrt(counts) * rows)
-        predicted, next_errors = predict_with_errors(
-            updated, errors.predict(nuisance), step_graph.F, step_graph.B_w, disturbance, unit, scale=scale
-        )
+        predicted, next_errors = predict_with_errors(updated, errors.predict(nuisance), step_graph.F, B, driven.noise, unit)
     else:
         updated, next_errors = root.with_rows(rows_of_samples(model, weights)), errors
-        predicted = predict(updated, step_graph.F, step_graph.B_w, disturbance, unit, scale)
+        predicted = predict(updated, step_graph.F, B, driven.noise, unit)
     carry_next = ca.vertcat(_carry_of(predicted), ca.vec(next_errors.M), pack(next_errors.V))
     results = [updated.T, errors.M, errors.V] if with_errors else [updated.T[c:, c:], updated.error_about_last(n)]
     columns = [ca.vec(ca.densify(result)) for result in results]
@@ -115,7 +114,7 @@ def _roots_in_long_numbers(
     model = system.model
     counts = weights[:, list(model.output_owner)]
     problem = LinearProblem(
-        linearise(system, path, weights), nuisance_of(model, path.pace), counts, prior.covariance, disturbance.unknown, disturbance.L
+        linearise(system, path, weights, disturbance.noise), nuisance_of(model, path.pace), counts, prior.covariance, disturbance.unknown
     )
     roots = long_roots(problem)
     if not np.isfinite(roots).all():

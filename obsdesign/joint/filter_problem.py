@@ -62,6 +62,7 @@ class FilterJointProblem(AbstractJointProblem[FilterSchedule]):
             self.per_segment,
             segment=self._boundaries(path),
             disturbance_psd=criterion.disturbance_psd,
+            input_psd=criterion.input_psd,
             unknown_inputs=criterion.unknown_inputs,
             about=problem.about or None,
             over=criterion.over,
@@ -103,6 +104,7 @@ class FilterJointProblem(AbstractJointProblem[FilterSchedule]):
         settings = FilterSettings(
             segment=self._boundaries(path),
             disturbance_psd=criterion.disturbance_psd,
+            input_psd=criterion.input_psd,
             unknown_inputs=criterion.unknown_inputs,
             about=problem.about or None,
             over=criterion.over,

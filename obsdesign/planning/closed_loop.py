@@ -17,17 +17,20 @@ from obsdesign.design.feasibility import least_margins_at_nodes
 from obsdesign.design.problem import DesignProblem
 from obsdesign.display import AbstractDisplay, Summary, number, state_picture
 from obsdesign.dynamics.measurement_noise import MeasurementNoise, detections, is_in_sight, measurement_noise
+from obsdesign.dynamics.noise_draws import state_noise, with_input_noise
+from obsdesign.dynamics.process_noise import ProcessNoise, noise_of
 from obsdesign.dynamics.simulation import as_state, readings, states_from, substeps_needed
 from obsdesign.errors import InputError
 from obsdesign.estimation.filter_bank import Belief, FilterBank
-from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_information import sampling_mask
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.planning.plan import Plan
 from obsdesign.planning.planner import ITERATIONS, Planner
 from obsdesign.planning.shifted_path import Horizon
 from obsdesign.prior import Prior
 from obsdesign.progress import Progress, StageReport
 from obsdesign.status import Status
+from obsdesign.trajectory import even_path_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +79,14 @@ class Flight(AbstractDisplay):
 
 @dataclass(frozen=True, eq=False)
 class _Realisation:
-    """What no pilot can change: the true start (n,), process_noise (K, n), the noise of the samples, who samples (K, q)."""
+    """What no pilot can change: the true start (n,), process noise, of the samples as well, who samples (K, q).
+
+    white (K, .): N(0, 1) each, what is drawn of the columns of the states' noise and of the inputs'.
+    """
 
     start: np.ndarray
-    process_noise: np.ndarray
+    noise: ProcessNoise
+    white: np.ndarray
     sample_noise: MeasurementNoise
     is_sampled: np.ndarray
 
@@ -107,7 +114,8 @@ def fly(
     *,
     every: float,
     duration: float,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     seed: int = 0,
     deadline: float | None = None,
     truth: ArrayLike | None = None,
@@ -126,7 +134,8 @@ def fly(
         prior: what is known of the initial state.
         every: time from one plan to the next [s].
         duration: length of the flight [s].
-        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], or a PerSpeed of it; None = none.
+        input_psd: of known inputs, as for posterior_information, held over each step; None = none.
         seed: seed of the truth and of all noise.
         deadline: time that a plan may take [s]; None = any.
         truth (n,): true initial state, in the units of the states; None = a draw from the prior.
@@ -146,13 +155,13 @@ def fly(
     n = problem.x0.size
     if prior.mean.size != n:
         raise InputError(f"prior has {prior.mean.size} states: the system has {n}")
-    noise_root = noise_factor(disturbance_psd, n, problem.step)
+    noise = noise_of(problem.system.model, disturbance_psd, input_psd, problem.step)
     start = None if truth is None else as_state(problem.system, truth, "truth")
     simulation = _Simulation(
         problem,
         prior,
-        FilterBank(problem.system, problem.step, noise_root @ noise_root.T, tolerance=problem.tolerance),
-        _draw_realisation(problem, prior, start, noise_root, steps, seed),
+        FilterBank(problem.system, problem.step, noise, tolerance=problem.tolerance),
+        _draw_realisation(problem, prior, start, noise, steps, seed),
     )
     plans: list[Plan] = []
     report = StageReport(_LOGGER, progress)
@@ -172,17 +181,18 @@ def fly(
 
 
 def _draw_realisation(
-    problem: DesignProblem, prior: Prior, start: np.ndarray | None, noise_root: np.ndarray, steps: int, seed: int
+    problem: DesignProblem, prior: Prior, start: np.ndarray | None, noise: ProcessNoise, steps: int, seed: int
 ) -> _Realisation:
     """Draw a world from the seed."""
     random, model = np.random.default_rng(seed), problem.system.model
     random_start = prior.mean + np.linalg.cholesky(prior.covariance) @ random.standard_normal(prior.mean.size)
-    process_noise = random.standard_normal((steps, noise_root.shape[1])) @ noise_root.T
+    drawn = random.standard_normal((steps, noise.state_columns))
     white_before, white_constant, *white = random.standard_normal((steps + 2, len(model.outputs)))
     is_sampled = sampling_mask(problem.system, steps, problem.step)[:, list(model.output_owner)]
-    noise = measurement_noise(model, np.array(white), white_constant, is_sampled, white_before)
+    sample_noise = measurement_noise(model, np.array(white), white_constant, is_sampled, white_before)
     is_sampled = is_sampled & detections(model, random, steps)
-    return _Realisation(random_start if start is None else start, process_noise, noise, is_sampled)
+    drawn = np.hstack([drawn, random.standard_normal((steps, len(noise.inputs)))])
+    return _Realisation(random_start if start is None else start, noise, drawn, sample_noise, is_sampled)
 
 
 def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan], report: StageReport) -> _Policy:
@@ -199,20 +209,29 @@ def _planning_policy(planner: Planner, every: int, deadline: float | None, plans
 
 def _simulate_flight(simulation: _Simulation, policy: _Policy) -> Flight:
     """Fly what a pilot wants."""
-    system, step, realisation = simulation.problem.system, simulation.problem.step, simulation.realisation
+    realisation = simulation.realisation
     truth, belief = realisation.start, Belief(simulation.prior.mean[None], simulation.prior.covariance[None])
     states, beliefs, inputs = [truth], [], []
-    for k, noise in enumerate(realisation.process_noise):
+    for k, white in enumerate(realisation.white):
         predicted = belief.covariance[0]
         belief = _measurement_update(simulation, belief, truth, k)
         beliefs.append(belief)
         inputs.append(policy(k, belief, predicted))
-        substeps = int(substeps_needed(system, truth[None], inputs[-1][None], step, None, simulation.problem.tolerance)[0])
-        truth = states_from(system, truth[None], inputs[-1][None], step, None, noise[None, None], substeps=substeps)[0, 1]
+        truth = _step_with_noise(simulation, truth, inputs[-1], white)
         states.append(truth)
         belief = simulation.estimator.predict(belief, inputs[-1])
     beliefs.append(belief)
     return _summarise(simulation, np.array(states), beliefs, np.array(inputs))
+
+
+def _step_with_noise(simulation: _Simulation, truth: np.ndarray, u: np.ndarray, white: np.ndarray) -> np.ndarray:
+    """Return the state (n,) one step later."""
+    problem, noise = simulation.problem, simulation.realisation.noise
+    substeps = int(substeps_needed(problem.system, truth[None], u[None], problem.step, None, problem.tolerance)[0])
+    step = even_path_of(np.array([0.0, problem.step]), np.stack([truth, truth]), u[None].copy(), None, problem.tolerance)
+    added = state_noise(problem.system, step, noise, white[None, : noise.state_columns])
+    system, w = with_input_noise(problem.system, step, noise, white[None, noise.state_columns :])
+    return states_from(system, truth[None], u[None], problem.step, w, added[None], substeps=substeps)[0, 1]
 
 
 def _measurement_update(simulation: _Simulation, belief: Belief, truth: np.ndarray, k: int) -> Belief:

@@ -142,7 +142,8 @@ def position_covariances(study: Study) -> np.ndarray:
     """Return (N+1, 2, 2) [m^2]: the posterior bound on x, y along the designed path with the chosen schedule."""
     scenario, path = study.scenario, study.main.path
     active = active_steps(scenario.system, path, schedule_at_steps(study.selection.chosen, study.main.nodes))
-    J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
+    prior, psd = scenario.prior_at_start, scenario.disturbance_psd
+    J = posterior_information(scenario.system, path, prior, psd, active=active, input_psd=scenario.input_psd)
     columns = study.problem.position
     return np.linalg.inv(J)[np.ix_(range(len(J)), columns, columns)]
 

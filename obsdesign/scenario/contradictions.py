@@ -55,7 +55,7 @@ def _name_problems(scenario: Scenario) -> Iterator[Problem]:
     tables: list[tuple[Location, Sequence[str], Sequence[str], bool]] = [
         (("start",), tuple(scenario.start), states, True),
         (("prior",), tuple(scenario.prior), states, True),
-        (("process_noise",), tuple(scenario.process_noise), states, False),
+        (("process_noise",), tuple(scenario.process_noise), (*states, *inputs), False),
         (("design", "bounds"), tuple(scenario.design.bounds), inputs, scenario.design.path is not None),
         (("design", "rates"), tuple(scenario.design.rates), inputs, False),
         *((("manoeuvres", i, "held"), tuple(manoeuvre.held), inputs, False) for i, manoeuvre in enumerate(scenario.manoeuvres)),
@@ -83,11 +83,20 @@ def _legs(scenario: Scenario) -> Iterator[tuple[Location, Leg]]:
 
 def _value_problems(scenario: Scenario) -> Iterator[Problem]:
     yield from (Problem(("prior", key), f"is {value!r}: must be above 0") for key, value in scenario.prior.items() if value <= 0)
-    noise = scenario.process_noise.items()
-    yield from (Problem(("process_noise", key), f"is {value!r}: must not be negative") for key, value in noise if value < 0)
+    yield from _noise_problems(scenario)
     for key, (low, high) in scenario.design.bounds.items():
         if low >= high:
             yield Problem(("design", "bounds", key), f"is [{low}, {high}]: the first must be below the second")
+
+
+def _noise_problems(scenario: Scenario) -> Iterator[Problem]:
+    for key, noise in scenario.process_noise.items():
+        values = {(): noise} if isinstance(noise, (int, float)) else {("per_speed",): noise.per_speed, ("at_rest",): noise.at_rest}
+        for part, value in values.items():
+            if value < 0:
+                yield Problem(("process_noise", key, *part), f"is {value!r}: must not be negative")
+        if not isinstance(noise, (int, float)) and not {"x", "y"} <= set(scenario.state_names):
+            yield Problem(("process_noise", key, "per_speed"), "is of the speed of the states x and y, which the vehicle does not have")
 
 
 def _choice_problems(scenario: Scenario) -> Iterator[Problem]:

@@ -17,6 +17,7 @@ import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import leaf
+from obsdesign.noise_density import PerSpeed
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.scenario.kind_tables import family_of, flat_table
 from obsdesign.sensors.abstract import distinct_names
@@ -70,6 +71,15 @@ class PlaceTable(_ScenarioTable):
     begins: AwareDatetime = Field(
         default=datetime(1970, 1, 1, tzinfo=UTC), description="when t = 0 is, with its offset from UTC; default: 1970-01-01T00:00:00Z"
     )
+
+
+class GrowingNoise(_ScenarioTable):
+    """Process noise that grows with the speed, whose variances add up."""
+
+    per_speed: float = Field(
+        description="what there is at 1 m/s: the unit per sqrt(m), of an input times s per sqrt(m); grows as sqrt(speed)"
+    )
+    at_rest: float = Field(default=0.0, description="what there is without moving, as noise that does not grow is given")
 
 
 class Manoeuvre(_ScenarioTable):
@@ -249,7 +259,10 @@ class Scenario(_ScenarioTable):
     start: dict[str, float]
     """Initial value of each state, in its unit."""
     prior: dict[str, float] = Field(description="standard deviation of each state before the first measurement")
-    process_noise: dict[str, float] = Field(default={}, description="unit per sqrt(s), for each state that has any")
+    process_noise: dict[str, float | GrowingNoise] = Field(
+        default={},
+        description="unit per sqrt(s) of each state that has any, unit times sqrt(s) of each known input; or { per_speed, at_rest } of it",
+    )
     time: Time
     """Duration, step and segment [s]."""
     place: PlaceTable | None = None
@@ -298,7 +311,7 @@ class Scenario(_ScenarioTable):
         if design.criterion != "posterior":
             return kind()
         judged_by = leaf(obsdesign.criteria, design.posterior_criterion)()
-        return kind(self.prior_at_start, self.disturbance_psd, criterion=judged_by, over=design.over)
+        return kind(self.prior_at_start, self.disturbance_psd, criterion=judged_by, over=design.over, input_psd=self.input_psd)
 
     @property
     def prior_at_start(self) -> Prior:
@@ -309,9 +322,21 @@ class Scenario(_ScenarioTable):
         return Prior([self.start[name] for name in names], std=[self.prior[name] for name in names])
 
     @property
-    def disturbance_psd(self) -> tuple[float, ...]:
+    def disturbance_psd(self) -> tuple[float, ...] | PerSpeed:
         """Power spectral density (n,) of the process noise, unit^2/s."""
-        return tuple(self.process_noise.get(name, 0.0) ** 2 for name in self.state_names)
+        at_rest, growing = zip(*(self._psd_of(name) for name in self.state_names), strict=True)
+        return PerSpeed(growing, at_rest) if any(growing) else at_rest
+
+    @property
+    def input_psd(self) -> dict[str, float | PerSpeed]:
+        """Power spectral density of the noise of known inputs, unit^2 s, for those that have any."""
+        psds = {name: self._psd_of(name) for name in self.process_noise if name not in self.state_names}
+        return {name: PerSpeed(growing, at_rest) if growing else at_rest for name, (at_rest, growing) in psds.items() if growing or at_rest}
+
+    def _psd_of(self, name: str) -> tuple[float, float]:
+        """Return the psd of a state or an input at rest, and what it has more at 1 m/s."""
+        noise = self.process_noise.get(name, 0.0)
+        return (noise.at_rest**2, noise.per_speed**2) if isinstance(noise, GrowingNoise) else (noise**2, 0.0)
 
     @property
     def schedule_criterion(self) -> AbstractCriterion:
@@ -324,7 +349,7 @@ class Scenario(_ScenarioTable):
         settings = self.selection
         if settings.question is not None:
             return settings.question
-        is_for_filter = any(self.process_noise.values()) and not settings.robust_to and self.has_filter_schedule
+        is_for_filter = any(any(self._psd_of(name)) for name in self.process_noise) and not settings.robust_to and self.has_filter_schedule
         return "filter" if is_for_filter else "start"
 
     @property

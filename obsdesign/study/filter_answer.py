@@ -63,6 +63,7 @@ def _schedule_for_filter(scenario: Scenario, path: Trajectory, nodes: np.ndarray
         settings.per_segment,
         segment=path.t[nodes].tolist(),
         disturbance_psd=scenario.disturbance_psd,
+        input_psd=scenario.input_psd,
         about=scenario.design.about or None,
         over=settings.over,
         criterion=scenario.filter_criterion,
@@ -79,6 +80,7 @@ def _question(scenario: Scenario, path: Trajectory, nodes: np.ndarray) -> Filter
     settings = FilterSettings(
         segment=path.t[nodes].tolist(),
         disturbance_psd=scenario.disturbance_psd,
+        input_psd=scenario.input_psd,
         unknown_inputs=(),
         about=scenario.design.about or None,
         over=scenario.selection.over,

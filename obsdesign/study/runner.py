@@ -174,6 +174,7 @@ def _flight(scenario: Scenario, problem: DesignProblem, seed: int, progress: Pro
         every=settings.every,
         duration=settings.duration,
         disturbance_psd=scenario.disturbance_psd,
+        input_psd=scenario.input_psd,
         seed=seed,
         horizon=settings.horizon,
         progress=progress,
@@ -202,6 +203,7 @@ def _checks(
                 seed=seed,
                 executor=executor,
                 disturbance_psd=scenario.disturbance_psd,
+                input_psd=scenario.input_psd,
                 progress=progress,
             )
             yield FilterCheck(case.name, name, chosen, validation)

@@ -71,6 +71,7 @@ def validate_scenario(
         seed=seed,
         executor=executor,
         disturbance_psd=scenario.disturbance_psd,
+        input_psd=scenario.input_psd,
         progress=progress,
     )
 

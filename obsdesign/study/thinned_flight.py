@@ -79,5 +79,6 @@ def _final_deviations(scenario: Scenario, path: Trajectory, chosen: np.ndarray) 
     steps = round(scenario.time.segment / path.step)
     rows = chosen[np.minimum(np.arange(path.steps) // steps, len(chosen) - 1)]
     active = active_steps(scenario.system, path, rows)
-    J = posterior_information(scenario.system, path, scenario.prior_at_start, scenario.disturbance_psd, active=active)
+    prior, psd = scenario.prior_at_start, scenario.disturbance_psd
+    J = posterior_information(scenario.system, path, prior, psd, active=active, input_psd=scenario.input_psd)
     return np.sqrt(np.diag(np.linalg.inv(J[-1])))

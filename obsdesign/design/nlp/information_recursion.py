@@ -9,15 +9,16 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.criteria.abstract import Knowledge
+from obsdesign.dynamics.driven_step import driven_step
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
+from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.dynamics.step import CACHE_SIZE, Step, blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import colour_of
 from obsdesign.information.householder import solve
 from obsdesign.information.information_update import in_units
 from obsdesign.information.input_exchange import exchange_inputs
 from obsdesign.information.nuisance_information import ErrorDistribution, update_with_samples
-from obsdesign.information.posterior import noise_factor
 from obsdesign.information.sample_graph import instant_of
 from obsdesign.packing import pack, pack_values, symmetric
 
@@ -80,12 +81,18 @@ def posterior_recursion(model: Model, step: float, knowledge: Knowledge, substep
     The gain, where it is read, is J + C'R^-1 C of t_k. In plain arithmetic, smooth, for the solver; values are recomputed with roots.
     With errors that last, J is about the constant ones (c of them) and the state, and `ErrorDistribution` are carried along.
     """
-    dynamics, nuisance = step_of(model, step, substeps).without_disturbance(), nuisance_of(model, step)
+    noise = noise_of(model, knowledge.disturbance_psd, knowledge.input_psd, step)
+    driven, nuisance = driven_step(model, step, substeps, noise, is_looped=False), nuisance_of(model, step)
+    dynamics = driven.step.without_disturbance()
     a, c, n = len(nuisance.coloured), len(nuisance.constant), len(model.states)
     due, (J, entries) = ca.SX.sym("due", len(model.channels) + 1), symmetric("J", c + n)
     M, (V, spread) = ca.SX.sym("M", a, c + n), symmetric("V", a)
     updated, errors = _after_samples(model, nuisance, (J, ErrorDistribution(M, V)), due)
-    predicted, next_errors = _predict(dynamics, _disturbance_of(model, step, knowledge), (updated, errors.predict(nuisance)))
+    names = [signal.name for signal in model.unknown_inputs]
+    w = driven.step.w
+    noise_columns = ca.substitute(driven.noise, w, ca.SX.zeros(w.numel())) if w.numel() else driven.noise
+    disturbance = _Disturbance([names.index(name) for name in knowledge.unknown_inputs], noise_columns, knowledge.prior.std)
+    predicted, next_errors = _predict(dynamics, disturbance, (updated, errors.predict(nuisance)))
     start = np.eye(c + n)
     start[c:, c:] = np.linalg.inv(knowledge.prior.covariance)
     z = ca.vertcat(dynamics.x, entries, ca.vec(M), spread)
@@ -96,10 +103,10 @@ def posterior_recursion(model: Model, step: float, knowledge: Knowledge, substep
 
 @dataclass(frozen=True, eq=False)
 class _Disturbance:
-    """What moves the state beside its inputs: places of unknown inputs, columns L (n, r) of noise; unit (n,): a size of each state."""
+    """What moves the state beside its inputs: places of unknown inputs, columns (n, r) of noise; unit (n,): a size of each state."""
 
     unknown: list[int]
-    L: np.ndarray
+    noise: ca.SX
     unit: np.ndarray
 
 
@@ -127,8 +134,8 @@ def _predict(dynamics: Step, disturbance: _Disturbance, updated: _JointInformati
         inverse = solve(dynamics.F, ca.SX.eye(n))
         transform = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
         J, errors = transform.T @ J @ transform, ErrorDistribution(errors.M @ transform, errors.V)
-    for j in range(disturbance.L.shape[1]):
-        J, errors = _move_along((J, errors), ca.vertcat(ca.SX(c, 1), ca.SX(ca.DM(disturbance.L[:, j]))), 1.0)
+    for j in range(disturbance.noise.shape[1]):
+        J, errors = _move_along((J, errors), ca.vertcat(ca.SX(c, 1), disturbance.noise[:, j]), 1.0)
     return J, errors
 
 
@@ -151,12 +158,6 @@ def _move_along(known: _JointInformation, b: ca.SX, information: float) -> _Join
     g, size = _downdate_terms(J, b, information)
     along = errors.M @ b
     return J - g @ g.T / size, ErrorDistribution(errors.M - along @ g.T / size, errors.V + along @ along.T / size)
-
-
-def _disturbance_of(model: Model, step: float, knowledge: Knowledge) -> _Disturbance:
-    names = [signal.name for signal in model.unknown_inputs]
-    L = noise_factor(knowledge.disturbance_psd, len(model.states), step)
-    return _Disturbance([names.index(name) for name in knowledge.unknown_inputs], L, knowledge.prior.std)
 
 
 def _downdate_terms(M: ca.SX, b: ca.SX, information: float) -> tuple[ca.SX, ca.SX]:

@@ -9,13 +9,13 @@ from functools import reduce
 from math import gcd, lcm
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count, require_known, require_within
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import SolveError
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.rules.switching_cost import SwitchingCost
@@ -50,7 +50,8 @@ def cheapest_schedule(
     *,
     per_segment: int = 1,
     segment: float | Sequence[float] = 10.0,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     unknown_inputs: Sequence[str] = (),
     active: np.ndarray | None = None,
     rules: Sequence[AbstractRule] = (),
@@ -79,6 +80,7 @@ def cheapest_schedule(
         per_segment: how many sensors may be on at a time.
         segment: length of a segment [s], or the times (K+1,) at which segments begin and end; as in `select_for_filter`.
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        input_psd: of known inputs, as for posterior_information; None = none.
         unknown_inputs: names of the inputs of which nothing is known.
         active (N, S): which samples arrive where a sensor is on; None = all.
         rules: what schedules have to keep; a SwitchingCost adds to the cost.
@@ -105,6 +107,7 @@ def cheapest_schedule(
         scale=_scale_of(required, system.model.state_names),
         active=active,
         floor=None,
+        input_psd=input_psd,
     )
     question = build_question(system, path, prior, settings)
     reason = _impossible_with_all_on(question, required)

@@ -14,6 +14,7 @@ from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError, SolveError
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.posterior.bounded_search import Answer, first_walk, search
@@ -43,7 +44,8 @@ def select_for_filter(
     per_segment: int = 1,
     *,
     segment: float | Sequence[float] = 10.0,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     unknown_inputs: Sequence[str] = (),
     about: Sequence[str] | None = None,
     over: Over = "mean",
@@ -73,6 +75,7 @@ def select_for_filter(
             segments begin and end, from the path's first to its last.
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * step; None = none: what has once
             been seen of a state that does not move is never forgotten.
+        input_psd: of known inputs, as for posterior_information; None = none.
         unknown_inputs: names of the inputs of which nothing is known.
         about: names of the states that count; None = all.
         over: which instants count: "mean", "worst", "end" (k = N-1), or weights (N,) >= 0 of a sum.
@@ -102,7 +105,8 @@ def select_for_filter(
     require_count("robust_to", robust_to, minimum=0, maximum=len(system.model.channels) - 1)
     if robust_to and flown is not None:
         raise InputError(f"flown is given with robust_to {robust_to}: what was flown has lost no sensor; leave one of them out")
-    settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active, floor)
+    judged_by = criterion or TraceInverse()
+    settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, judged_by, scale, active, floor, input_psd)
     question = build_question(system, path, prior, settings)
     on = None if flown is None else require_schedule("flown", flown, question.answers.shape)
     options = build_options(tuple(rules), per_segment, question.segments, question.answers)

@@ -19,6 +19,7 @@ from obsdesign.information.information_update import Disturbance
 from obsdesign.information.linear_model import LinearModel, linear_model_of
 from obsdesign.information.posterior import disturbance_of, weights_of
 from obsdesign.information.root_recursion import posterior_roots
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import Segments
 from obsdesign.selection.posterior.instant_costs import InstantCosts
@@ -43,8 +44,9 @@ class FilterQuestion:
     system: AbstractSystem
     path: Trajectory
     prior: Prior
-    disturbance_psd: ArrayLike | None
+    disturbance_psd: DisturbancePsd
     unknown_inputs: tuple[str, ...]
+    input_psd: InputPsd
     arrivals: np.ndarray
     nodes: np.ndarray
     costs: InstantCosts
@@ -61,7 +63,7 @@ class FilterQuestion:
     @cached_property
     def disturbance(self) -> Disturbance:
         """What moves the state beside its inputs."""
-        return disturbance_of(self.system, self.path, self.prior, self.disturbance_psd, self.unknown_inputs)
+        return disturbance_of(self.system, self.path, self.prior, self.disturbance_psd, self.unknown_inputs, self.input_psd)
 
     @cached_property
     def linear_model(self) -> LinearModel:
@@ -187,7 +189,7 @@ class FilterSettings:
     """What a user says about a question beside system, path and prior: see `select_for_filter`."""
 
     segment: float | Sequence[float]
-    disturbance_psd: ArrayLike | None
+    disturbance_psd: DisturbancePsd
     unknown_inputs: Sequence[str]
     about: Sequence[str] | None
     over: Over
@@ -195,6 +197,7 @@ class FilterSettings:
     scale: ArrayLike | None
     active: np.ndarray | None
     floor: Mapping[str, float] | None
+    input_psd: InputPsd = None
 
 
 def build_question(system: AbstractSystem, path: Trajectory, prior: Prior, settings: FilterSettings) -> FilterQuestion:
@@ -212,6 +215,7 @@ def build_question(system: AbstractSystem, path: Trajectory, prior: Prior, setti
         prior,
         settings.disturbance_psd,
         tuple(settings.unknown_inputs),
+        settings.input_psd,
         arrivals,
         segment_nodes(path, settings.segment),
         costs,

@@ -15,6 +15,7 @@ from obsdesign.dynamics.answering_system import AnsweringSystem
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.errors import InputError, SolveError
+from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.posterior.deadline import deadline_after
@@ -36,7 +37,8 @@ def select_next(
     per_segment: int = 1,
     *,
     segment: float | Sequence[float] = 10.0,
-    disturbance_psd: ArrayLike | None = None,
+    disturbance_psd: DisturbancePsd = None,
+    input_psd: InputPsd = None,
     unknown_inputs: Sequence[str] = (),
     about: Sequence[str] | None = None,
     over: Over = "mean",
@@ -63,6 +65,7 @@ def select_next(
         per_segment: how many sensors may be on at a time.
         segment: length of a segment [s], or the times at which segments begin and end.
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s]; None = none.
+        input_psd: of known inputs, as for posterior_information; None = none.
         unknown_inputs: names of the inputs of which nothing is known.
         about: names of the states that count; None = all.
         over: which instants count: "mean", "worst", "end", or weights (N,).
@@ -79,7 +82,7 @@ def select_next(
     try:
         deadline = deadline_after(time_limit)
         settings = FilterSettings(
-            segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, active=None, floor=floor
+            segment, disturbance_psd, unknown_inputs, about, over, criterion or TraceInverse(), scale, None, floor, input_psd
         )
         path = simulate(system, belief.mean, inputs_ahead, step)
         answering = AnsweringSystem(system, _answer_shares(system, answer_share))
