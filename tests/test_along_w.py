@@ -38,7 +38,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.dynamics import native_code as native
+from obsdesign import native_code as native
 from obsdesign.dynamics.scan import Scan
 from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.information.gramian import transition_matrices

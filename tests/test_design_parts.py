@@ -28,7 +28,8 @@ from obsdesign.design.nlp.evaluation import Evaluation
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
 from obsdesign.design.sqp.combination import Mean, Smallest
-from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
+from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
+from obsdesign.design.sqp.conic_qp import minimise
 from obsdesign.design.sqp.evaluation import Multipliers
 from obsdesign.design.sqp.matrix_objective import LinearObjective, evaluate_objective
 from obsdesign.dynamics.model import AbstractSystem

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.dynamics import native_code as native
+from obsdesign import native_code as native
 from obsdesign.dynamics import scan as loop
 from obsdesign.dynamics.scan import Scan
 from obsdesign.estimation.filter_bank import Belief, FilterBank
@@ -600,7 +600,7 @@ AT_ONCE = """
 import sys, time
 from pathlib import Path
 import numpy as np, casadi as ca
-from obsdesign.dynamics import native_code
+from obsdesign import native_code
 from obsdesign.dynamics.scan import Scan
 folder, go, me = map(Path, sys.argv[1:])
 native_code.cache_folder = lambda: folder
@@ -731,7 +731,7 @@ def test_a_cache_folder_whose_files_must_not_be_run_is_no_harm(kept_in: Path, mo
 
 @pytest.mark.skipif(sys.platform != "linux", reason="where XDG_CACHE_HOME means something")
 def test_compiled_functions_are_kept_in_the_cache_folder_of_the_user(tmp_path: Path):
-    command = "from obsdesign.dynamics import native_code; print(native_code.cache_folder())"
+    command = "from obsdesign import native_code; print(native_code.cache_folder())"
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
     said = subprocess.run([sys.executable, "-c", command], env=environment, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
     assert Path(said.strip()) == tmp_path / "obsdesign" / "compiled"

@@ -12,8 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from obsdesign import native_code as native
 from obsdesign.common_subexpressions import without_repeats
-from obsdesign.dynamics import native_code as native
 from obsdesign.dynamics.inner_loop import InnerLoop, function_with_loop
 from obsdesign.errors import InputError
 

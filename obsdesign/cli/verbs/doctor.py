@@ -69,7 +69,7 @@ def _package(name: str, accepted: str) -> Check:
 
 
 def _compiler() -> Check:
-    from obsdesign.dynamics.native_code import compiler
+    from obsdesign.native_code import compiler
 
     machine = compiler()
     without = f"{machine.reason}: what runs long runs in CasADi's virtual machine, to the same numbers"

@@ -1,15 +1,17 @@
-"""The convex program of one step: a quadratic model under linear limits and matrix inequalities, solved by Clarabel."""
+"""The convex program of one step, solved by compiled code for dense data, or by Clarabel."""
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
 
 from obsdesign.conic import ConicSettings, nonnegative_cone, semidefinite_cone, smat, solve_conic_program, svec, upper_triangle
+from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
+from obsdesign.design.sqp.dense_qp import minimise_densely
 
 _MAX_ITERATIONS = 60  # of Clarabel: models take 10 to 20, those that are badly scaled more
 _ATTEMPTS = (
@@ -19,55 +21,16 @@ _ATTEMPTS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Cone:
-    """A + sum d_i D_i - t_j E + e slack I >= 0: A (n, n), D (q, n, n), E (n, n); epigraph_index: which t, None = none; slack_factor: e"""
-
-    A: np.ndarray
-    D: np.ndarray
-    E: np.ndarray
-    epigraph_index: int | None
-    slack_factor: float
-
-
-@dataclass(frozen=True, eq=False)
-class ConicQP:
-    """minimise d'B d / 2 + g'd - weights't + penalty e over lower <= d <= upper, e >= 0, t free.
-
-    cones; rows + jacobian d + e >= 0 (r,), (r, q); epigraph_rows + epigraph_jacobian d - t_0 >= 0: rows that bound t_0, without slack.
-    """
-
-    B: np.ndarray
-    g: np.ndarray
-    weights: np.ndarray
-    penalty: float
-    lower: np.ndarray
-    upper: np.ndarray
-    cones: tuple[Cone, ...]
-    rows: np.ndarray
-    jacobian: np.ndarray
-    epigraph_rows: np.ndarray
-    epigraph_jacobian: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class ConicSolution:
-    """The minimiser: d (q,), e, the multipliers of cones, rows, hard rows and of both bounds."""
-
-    d: np.ndarray
-    slack: float
-    Z: tuple[np.ndarray, ...]
-    row_multipliers: np.ndarray
-    epigraph_multipliers: np.ndarray
-    bound_multipliers: np.ndarray
-
-
 def minimise(qp: ConicQP, tolerance: float) -> ConicSolution | None:
-    """Return the minimiser to a tolerance, or None where the solver gives up.
+    """Return the minimiser to a tolerance, or None where the solvers give up.
 
-    First without what Clarabel does for badly scaled problems, which takes half of its time; with it where that fails; and without any
-    scaling where that fails too: with many cones beside bounds that are next to 0 it is the scaling that stops Clarabel at once.
+    By `minimise_densely`; where there is no machine code, or it does not come that near, by Clarabel: first without what Clarabel does
+    for badly scaled problems, which takes half of its time; with it where that fails; and without any scaling where that fails too:
+    with many cones beside bounds that are next to 0 it is the scaling that stops Clarabel at once.
     """
+    solution = minimise_densely(qp, tolerance)
+    if solution is not None:
+        return solution
     for settings in _ATTEMPTS:
         solution = _solve(qp, replace(settings, tolerance=tolerance))
         if solution is not None:

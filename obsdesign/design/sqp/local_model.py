@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
-from obsdesign.design.sqp.conic_qp import Cone, ConicQP, ConicSolution, minimise
+from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
+from obsdesign.design.sqp.conic_qp import minimise
 from obsdesign.design.sqp.convexification import ACTIVE_MULTIPLIER, active_normals, convexify
 from obsdesign.design.sqp.evaluation import AbstractDerivatives, Multipliers
 from obsdesign.design.sqp.matrix_objective import (
