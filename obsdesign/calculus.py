@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     import casadi as ca
+
+Angle = TypeVar("Angle", float, np.ndarray)
 
 
 def rk4(rate: Callable[[ca.SX], ca.SX], x: ca.SX, step: float | ca.SX) -> ca.SX:
@@ -27,9 +29,14 @@ def lie_derivative(functions: ca.SX, x: ca.SX, field: ca.SX) -> ca.SX:
     return ca.jtimes(functions, x, field)
 
 
-def wrap(angle: np.ndarray) -> np.ndarray:
-    """Return the angle [rad] in [-pi, pi)."""
+def wrap(angle: Angle) -> Angle:
+    """Return the angle [rad] in [-pi, pi); -wrap(-angle) is the one in (-pi, pi]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def yaw(x: np.ndarray, y: np.ndarray, z: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Return the angle [rad] about z, from x, of the body's x axis seen along z, of unit quaternions w + x i + y j + z k."""
+    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def wrap_columns(values: np.ndarray, is_angle: np.ndarray) -> np.ndarray:

@@ -113,6 +113,23 @@ def test_a_target_that_cannot_be_written_is_one_message_and_leaves_what_was(tmp_
 
 
 @pytest.mark.parametrize("word", FORMATS)
+def test_a_folder_of_something_else_is_left_as_it_is(word, tmp_path):
+    """Such as the result that is exported, given as --out by mistake: its files would be gone."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "result.json").write_text("{}")
+    with pytest.raises(od.InputError, match=r"mine: is a folder that holds result\.json: it is left as it is"):
+        write_track(sample_track(), word, tmp_path / "mine")
+    assert [file.name for file in tmp_path.rglob("*")] == ["mine", "result.json"]
+
+
+def test_a_mission_and_its_table_are_written_both_or_neither(tmp_path):
+    (tmp_path / "x.plan.sensors.csv").mkdir()
+    with pytest.raises(od.InputError, match=r"x\.plan\.sensors\.csv: is a folder"):
+        write_track(sample_track(), "plan", tmp_path / "x.plan")
+    assert [file.name for file in tmp_path.iterdir()] == ["x.plan.sensors.csv"]
+
+
+@pytest.mark.parametrize("word", FORMATS)
 def test_writing_again_replaces_the_whole(word, tmp_path):
     target = tmp_path / f"x{format_of(word).suffix}"
     for points in (30, 12):

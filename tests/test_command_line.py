@@ -275,7 +275,7 @@ def test_validate_takes_the_path_and_the_schedule_of_files(designed):
     names = od.load_scenario(folder / "mine.toml").sensor_names
     only_gps = np.tile([True, False, False, False], (8, 1))
     (folder / "gps.csv").write_text(schedule_csv(only_gps, names, np.arange(9) * 5.0))
-    np.testing.assert_array_equal(read_schedule_csv(folder / "gps.csv", names), only_gps)
+    np.testing.assert_array_equal(read_schedule_csv(folder / "gps.csv", names).chosen, only_gps)
     both = [
         json.loads(obsdesign("validate", "--along", "out", *schedule, "--jobs", "1", "--json", folder=folder).stdout)
         for schedule in ((), ("--schedule", "gps.csv"))

@@ -16,6 +16,11 @@ def require_writable(folder: Path) -> None:
         raise InputError(f"--out {folder}: {existing} is no folder that can be written to")
 
 
+def path_file(given: Path) -> Path:
+    """Return the file of a path: the one that is given, or that of the run whose folder is."""
+    return given / "trajectory.csv" if given.is_dir() else given
+
+
 def scenario_file(given: Path | None) -> Path:
     """Return the scenario that is given, or the one in this folder. Raises InputError where there is none, or several."""
     if given is not None:

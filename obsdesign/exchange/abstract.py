@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -123,20 +121,3 @@ def read_xml(file: Path) -> Element:
         raise InputError(f"{file}: declares a document type or entities: must be plain XML") from None
     except (ParseError, ValueError, LookupError) as error:
         raise InputError(f"{file}: is no XML: {error}") from None
-
-
-def write_whole(write: Callable[[Path], object], target: Path) -> None:
-    """Write a file or a folder under a temporary name beside its target and rename it: whoever looks sees it whole or not at all.
-
-    Raises InputError where that cannot be.
-    """
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".partial-", dir=target.parent) as partial:
-            written = Path(partial) / target.name
-            write(written)
-            if target.is_dir() and not target.is_symlink():
-                target.rename(Path(partial) / ".before")
-            written.replace(target)
-    except OSError as error:
-        raise InputError(f"{target}: cannot be written: {error.strerror or error}") from None

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from obsdesign.calculus import yaw
 from obsdesign.display import MissingPackageError
 from obsdesign.errors import InputError
 from obsdesign.exchange.abstract import MAX_BYTES, AbstractFormat, Precision
@@ -81,10 +82,8 @@ class RosBag(AbstractFormat):
             raise InputError("has a quaternion that is not of length 1")
         beside = read_about(about)
         start = int(beside.epoch.timestamp())
-        x, y, z, w = poses[:, 3:].T
-        heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         t = (stamps[:, 0] - start) + stamps[:, 1] * 1e-9 - beside.epoch.microsecond / 1e6
-        return Track(t, poses[:, :3], heading, beside.origin, beside.epoch, beside.sensors, file.name)
+        return Track(t, poses[:, :3], yaw(*poses[:, 3:].T), beside.origin, beside.epoch, beside.sensors, file.name)
 
 
 def _stamps(track: Track) -> np.ndarray:
@@ -163,10 +162,7 @@ def _read(database: sqlite3.Connection) -> tuple[np.ndarray, np.ndarray, str | N
     budget = iter(range(_MAX_STEPS // 10_000))
     database.set_progress_handler(lambda: next(budget, None) is None, 10_000)
     database.execute("PRAGMA trusted_schema = OFF")
-    odd = database.execute(
-        "SELECT name FROM sqlite_master WHERE type NOT IN ('table', 'index') OR sql LIKE '% VIRTUAL %' OR sql LIKE '% AS (%'"
-    )
-    if (first := odd.fetchone()) is not None:
+    if (first := database.execute(_ODD_TABLES).fetchone()) is not None:
         raise InputError(f"{first[0]} is no plain table")
     topics = {name: (number, kind) for number, name, kind in database.execute("SELECT id, name, type FROM topics")}
     poses = [name for name, (_, kind) in topics.items() if kind == "geometry_msgs/msg/PoseStamped"]

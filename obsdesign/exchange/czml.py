@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from obsdesign.calculus import wrap
 from obsdesign.errors import InputError
 from obsdesign.exchange.abstract import AbstractFormat, Precision, numbers, read_text
 from obsdesign.exchange.geodesy import geodetic, local
@@ -98,7 +99,7 @@ def attitude(latitude: np.ndarray, longitude: np.ndarray, heading: np.ndarray) -
 def heading_of(quaternions: np.ndarray) -> np.ndarray:
     """Return headings (N,) [rad] in (-pi, pi] of such quaternions (N, 4) of level bodies."""
     x, y, z, w = quaternions.T
-    return np.pi - np.mod(np.pi - (np.arctan2(z, w) - np.arctan2(y, x)), 2 * np.pi)
+    return -wrap(np.arctan2(y, x) - np.arctan2(z, w))
 
 
 def _intervals(track: Track, sensors: SensorTimes) -> list[dict[str, str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,18 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from obsdesign.arguments import validate_arguments
+from obsdesign.calculus import wrap
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import read_text
 from obsdesign.exchange.formats import format_of, write_track
-from obsdesign.exchange.mission import Autopilot, Switches
-from obsdesign.exchange.track import GeodeticOrigin, SensorTimes, Track
+from obsdesign.exchange.mission import Switches
+from obsdesign.exchange.schedule_csv import read_schedule_csv
+from obsdesign.exchange.track import GeodeticOrigin, SensorTimes, Track, sensor_changes
 from obsdesign.exchange.trajectory_csv import read_trajectory_csv
 from obsdesign.exchange.words import MISSION_WORDS, PLACED_WORDS
 from obsdesign.scenario.loading import load_scenario_of_path
 from obsdesign.scenario.schema import PlaceTable, Scenario
 from obsdesign.study.record import Study
 from obsdesign.study.thinned_flight import Thinning, judge_way_points, way_points_of
-from obsdesign.study.thinned_path import ThinnedPath
+from obsdesign.study.thinned_path import Autopilot, ThinnedPath
 from obsdesign.trajectory import Trajectory
 
 WAY_POINT_TOLERANCE = 2.0  # [m] that the way points of missions keep to the path, unless another is asked for
@@ -93,7 +93,7 @@ def export(
     folder, kind = Path(result), format_of(to)
     scenario = load_scenario_of_path(_part(folder, "question.toml"))
     path = read_trajectory_csv(scenario.system, _part(folder, "trajectory.csv")).path
-    sensors = _read_schedule(_part(folder, "schedule.csv"))
+    sensors = read_schedule_csv(_part(folder, "schedule.csv"), scenario.sensor_names)
     target = folder / f"path{kind.suffix}" if out is None else Path(out)
     return export_path(scenario, path, sensors, to, target, settings)
 
@@ -120,8 +120,8 @@ def export_path(scenario: Scenario, path: Trajectory, sensors: SensorTimes, to: 
     require_exportable(scenario, (to,))
     thinning = settings.thinning(kind.is_mission)
     track = track_of(scenario, path, sensors)
-    always = tuple(int(np.searchsorted(path.t, sensors.t[k] - 1e-9)) for k in sensors.changes) if kind.is_mission else ()
-    points = way_points_of(scenario, path, thinning, tuple(i for i in always if i < len(path.t)))
+    always = tuple(i for i, _ in sensor_changes(track)) if kind.is_mission else ()
+    points = way_points_of(scenario, path, thinning, always)
     files = write_track(track.part(points), to, target, settings.autopilot, settings.switches)
     if len(points) == len(path.t):
         return Export(files, len(points), None)
@@ -147,7 +147,7 @@ def track_of(scenario: Scenario, path: Trajectory, sensors: SensorTimes | None) 
     return Track(
         t=path.t,
         position=np.column_stack([east, north, np.full(len(path.t), height)]),
-        heading=None if heading is None else np.pi - np.mod(np.pi - heading, 2 * np.pi),
+        heading=None if heading is None else -wrap(-heading),
         origin=None if place is None else _origin(place),
         epoch=Track.epoch if place is None else place.begins,
         sensors=sensors,
@@ -177,13 +177,3 @@ def _part(result: Path, name: str) -> Path:
     if not (result / name).is_file():
         raise InputError(f"{result}: has no {name}: must be a folder that obsdesign run or select wrote")
     return result / name
-
-
-def _read_schedule(file: Path) -> SensorTimes:
-    """Return the schedule of schedule.csv: segment, from, to, and a column for each sensor."""
-    try:
-        header, *rows = csv.reader(read_text(file).splitlines())
-        values = np.array([[float(cell) for cell in row] for row in rows if row])
-        return SensorTimes(tuple(header[3:]), np.append(values[:, 1], values[-1, 2]), values[:, 3:])
-    except (csv.Error, ValueError, IndexError) as error:
-        raise InputError(f"{file}: is no schedule: {error}") from None

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import AbstractFormat, write_whole
+from obsdesign.exchange.abstract import AbstractFormat
 from obsdesign.exchange.bag import RosBag
 from obsdesign.exchange.csv_table import CsvTable
 from obsdesign.exchange.czml import Czml
 from obsdesign.exchange.geojson import GeoJson
 from obsdesign.exchange.gpx import Gpx
 from obsdesign.exchange.kml import Kml
-from obsdesign.exchange.mission import Autopilot, Switches, sensors_table
+from obsdesign.exchange.mission import AbstractMission, Switches, sensors_table
 from obsdesign.exchange.npz import NumpyArchive
 from obsdesign.exchange.plan import QgcPlan
 from obsdesign.exchange.track import Track
 from obsdesign.exchange.tum import TumTrajectory
 from obsdesign.exchange.waypoint_text import WaypointText
+from obsdesign.files import write_all
+from obsdesign.study.thinned_path import Autopilot
 
 FORMATS: dict[str, type[AbstractFormat]] = {
     "plan": QgcPlan,
@@ -35,13 +38,10 @@ FORMATS: dict[str, type[AbstractFormat]] = {
 
 def format_of(word: str, autopilot: Autopilot = "px4", switches: Switches = ()) -> AbstractFormat:
     """Return the format that a word names; raise InputError for a word that names none."""
-    if word == "plan":
-        return QgcPlan(autopilot, switches)
-    if word == "wpl":
-        return WaypointText(autopilot, switches)
     if word not in FORMATS:
         raise InputError(f"format is {word!r}: must be one of {', '.join(FORMATS)}")
-    return FORMATS[word]()
+    kind = FORMATS[word]
+    return kind(autopilot, switches) if issubclass(kind, AbstractMission) else kind()
 
 
 def write_track(track: Track, word: str, target: Path, autopilot: Autopilot = "px4", switches: Switches = ()) -> tuple[Path, ...]:
@@ -51,12 +51,11 @@ def write_track(track: Track, word: str, target: Path, autopilot: Autopilot = "p
     """
     kind = format_of(word, autopilot, switches)
     table = sensors_table(track, autopilot, switches) if kind.is_mission else ""
-    write_whole(lambda file: kind.write(track, file), target)
-    if not table:
-        return (target,)
-    beside = target.with_name(f"{target.name}.sensors.csv")
-    write_whole(lambda file: file.write_text(table, encoding="utf-8", newline=""), beside)
-    return target, beside
+    writers: dict[str, Callable[[Path], object]] = {target.name: lambda file: kind.write(track, file)}
+    if table:
+        writers[f"{target.name}.sensors.csv"] = lambda file: file.write_text(table, encoding="utf-8", newline="")
+    write_all(target.parent, writers)
+    return tuple(target.with_name(name) for name in writers)
 
 
 def read_track(file: Path, word: str | None = None) -> Track:

@@ -6,15 +6,15 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
 
 import numpy as np
 
 from obsdesign.errors import InputError
+from obsdesign.exchange.abstract import AbstractFormat, Precision
 from obsdesign.exchange.geodesy import geodetic, local
 from obsdesign.exchange.track import About, GeodeticOrigin, Track, compass_degrees
+from obsdesign.study.thinned_path import Autopilot
 
-Autopilot = Literal["px4", "ardupilot"]
 Switches = tuple[tuple[str, int], ...]
 
 # of MAVLink's common.xml
@@ -23,6 +23,24 @@ ABSOLUTE, MISSION, RELATIVE = 0, 2, 3  # frames: above the height reference, non
 _ABSOLUTE, _RELATIVE = (0, 5), (3, 6)  # the latter of each in scaled integers
 _VISITED = (16, 17, 18, 19, 21, 82)  # commands that lead to their position: way point, loiter, land, spline
 MAX_SWITCH = {"px4": 6, "ardupilot": 15}
+
+
+@dataclass(frozen=True)
+class AbstractMission(AbstractFormat):
+    """A format of missions for an autopilot; switches: (sensor, number) that the mission switches as the schedule says."""
+
+    autopilot: Autopilot = "px4"
+    switches: Switches = ()
+
+    @property
+    def precision(self) -> Precision:
+        """Eight decimals of degrees, three of metres; no times."""
+        return Precision(1.5e-3, None, None)
+
+    @property
+    def is_mission(self) -> bool:
+        """Way points."""
+        return True
 
 
 @dataclass(frozen=True)

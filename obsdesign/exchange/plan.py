@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import AbstractFormat, Precision, read_json
-from obsdesign.exchange.mission import RELATIVE, WAYPOINT, Autopilot, MissionItem, Switches, mission_of, track_of_mission
+from obsdesign.exchange.abstract import read_json
+from obsdesign.exchange.mission import RELATIVE, WAYPOINT, AbstractMission, MissionItem, mission_of, track_of_mission
 from obsdesign.exchange.track import GeodeticOrigin, Track, about_text, read_about
 
 _FIRMWARE = {"px4": 12, "ardupilot": 3}  # MAV_AUTOPILOT
@@ -19,26 +19,13 @@ _ABOVE_HOME = 1  # QGroundControl's AltitudeMode
 
 
 @dataclass(frozen=True)
-class QgcPlan(AbstractFormat):
+class QgcPlan(AbstractMission):
     """Simple items above the planned home, with the empty fence and rally points that MAVSDK asks for; origin and sensors beside them."""
-
-    autopilot: Autopilot = "px4"
-    switches: Switches = ()
 
     @property
     def suffix(self) -> str:
         """.plan."""
         return ".plan"
-
-    @property
-    def precision(self) -> Precision:
-        """Eight decimals of degrees, three of metres; no times."""
-        return Precision(1.5e-3, None, None)
-
-    @property
-    def is_mission(self) -> bool:
-        """Way points."""
-        return True
 
     def write(self, track: Track, target: Path) -> None:
         """Write the plan."""

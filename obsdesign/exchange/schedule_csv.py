@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from obsdesign.errors import InputError
+from obsdesign.exchange.abstract import read_text
+from obsdesign.exchange.track import SensorTimes
 
 
 def schedule_csv(chosen: np.ndarray, sensors: Sequence[str], times: np.ndarray) -> str:
@@ -22,11 +24,12 @@ def schedule_csv(chosen: np.ndarray, sensors: Sequence[str], times: np.ndarray) 
     return table.getvalue()
 
 
-def read_schedule_csv(file: Path, sensors: Sequence[str]) -> np.ndarray:
-    """Return the schedule (K, S) of a file that `schedule_csv` wrote. Raises InputError for a file of another form or other sensors."""
+def read_schedule_csv(file: Path, sensors: Sequence[str]) -> SensorTimes:
+    """Return the schedule of a file that `schedule_csv` wrote. Raises InputError for a file of another form or other sensors."""
+    text = read_text(file)
     try:
-        header, *rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, ValueError, csv.Error) as error:
+        header, *rows = csv.reader(io.StringIO(text))
+    except (ValueError, csv.Error) as error:
         raise InputError(f"{file}: cannot be read as a schedule: {error}") from None
     expected = ["segment", "from [s]", "to [s]", *sensors]
     if header != expected:
@@ -36,4 +39,8 @@ def read_schedule_csv(file: Path, sensors: Sequence[str]) -> np.ndarray:
             raise InputError(f"{file}: line {number} is {','.join(row)!r}: must have {len(expected)} columns, 0 or 1 for each sensor")
     if not rows:
         raise InputError(f"{file}: has no segment")
-    return np.array([[cell == "1" for cell in row[3:]] for row in rows])
+    try:
+        times = [float(row[1]) for row in rows] + [float(rows[-1][2])]
+        return SensorTimes(tuple(sensors), np.array(times), np.array([[cell == "1" for cell in row[3:]] for row in rows]))
+    except ValueError as error:  # a time that is none, or times that do not increase
+        raise InputError(f"{file}: {error}") from None

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Literal
 
 import numpy as np
 
+from obsdesign.calculus import wrap
 from obsdesign.checks import all_finite, as_array
 from obsdesign.errors import InputError
 
@@ -129,9 +129,7 @@ class Track:
     def part(self, kept: np.ndarray) -> Track:
         """Return the track of some of its points, by their indices (M,)."""
         heading = None if self.heading is None else self.heading[kept]
-        return Track(
-            self.t[kept], self.position[kept], heading, self.origin, self.epoch, self.sensors, self.name, self.cruise, self.through_medium
-        )
+        return replace(self, t=self.t[kept], position=self.position[kept], heading=heading)
 
 
 def sensor_changes(track: Track) -> list[tuple[int, str]]:
@@ -150,7 +148,7 @@ def compass_degrees(angle: np.ndarray) -> np.ndarray:
 
 def from_compass(bearing: np.ndarray) -> np.ndarray:
     """Return angles [rad, counter-clockwise from east] in (-pi, pi] of compass bearings [degrees]."""
-    return math.pi - np.mod(math.pi - np.radians(90.0 - bearing), 2 * math.pi)
+    return -wrap(-np.radians(90.0 - bearing))
 
 
 def about_text(track: Track) -> str:
@@ -158,7 +156,7 @@ def about_text(track: Track) -> str:
     origin, sensors = track.origin, track.sensors
     about: dict[str, Any] = {"epoch": utc_text(track.epoch)}
     if origin is not None:
-        about["origin"] = {name: getattr(origin, name) for name in _ORIGIN_KEYS}
+        about["origin"] = asdict(origin)
     if sensors is not None:
         about["sensors"] = {"names": list(sensors.names), "t": sensors.t.tolist(), "chosen": sensors.chosen.astype(int).tolist()}
     return json.dumps({_KEY: about}, ensure_ascii=True)
@@ -181,9 +179,7 @@ def read_about(text: str | None) -> About:
         about = json.loads(text)[_KEY]
         origin, sensors = about.get("origin"), about.get("sensors")
         return About(
-            None
-            if origin is None
-            else GeodeticOrigin(**{name: origin[name] for name in ("latitude", "longitude", "altitude", "height_reference")}),
+            None if origin is None else GeodeticOrigin(**{name: origin[name] for name in _ORIGIN_KEYS}),
             read_utc(about["epoch"]),
             None if sensors is None else SensorTimes(tuple(map(str, sensors["names"])), sensors["t"], sensors["chosen"]),
         )

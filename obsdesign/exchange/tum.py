@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from obsdesign.calculus import yaw
 from obsdesign.errors import InputError
 from obsdesign.exchange.abstract import AbstractFormat, Precision, read_text
 from obsdesign.exchange.track import Track, about_text, read_about
@@ -57,7 +58,5 @@ class TumTrajectory(AbstractFormat):
         values = np.array([[float(entry) for entry in row] for row in rows]).reshape(-1, _COLUMNS)
         if np.abs(values[:, 4:]).max() > 2 or not (np.abs(np.linalg.norm(values[:, 4:], axis=1) - 1) < 1e-3).all():
             raise InputError("a quaternion is not of length 1")
-        x, y, z, w = values[:, 4:].T
-        heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         beside = read_about(about)
-        return Track(values[:, 0], values[:, 1:4], heading, beside.origin, beside.epoch, beside.sensors, file.stem)
+        return Track(values[:, 0], values[:, 1:4], yaw(*values[:, 4:].T), beside.origin, beside.epoch, beside.sensors, file.stem)

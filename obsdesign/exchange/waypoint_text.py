@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import AbstractFormat, Precision, read_text
-from obsdesign.exchange.mission import ABSOLUTE, RELATIVE, WAYPOINT, Autopilot, MissionItem, Switches, mission_of, track_of_mission
+from obsdesign.exchange.abstract import read_text
+from obsdesign.exchange.mission import ABSOLUTE, RELATIVE, WAYPOINT, AbstractMission, MissionItem, mission_of, track_of_mission
 from obsdesign.exchange.track import About, GeodeticOrigin, Track
 
 _HEAD = "QGC WPL 110"
@@ -16,29 +16,16 @@ _COLUMNS = 12
 
 
 @dataclass(frozen=True)
-class WaypointText(AbstractFormat):
+class WaypointText(AbstractMission):
     """Tabs and line feeds; for ArduPilot row 0 is home, for PX4 the first way point.
 
     Readers take no other lines, so that origin (for PX4) and sensors stand in the table beside the file.
     """
 
-    autopilot: Autopilot = "px4"
-    switches: Switches = ()
-
     @property
     def suffix(self) -> str:
         """.waypoints, as Mission Planner calls them."""
         return ".waypoints"
-
-    @property
-    def precision(self) -> Precision:
-        """Eight decimals of degrees, three of metres; no times."""
-        return Precision(1.5e-3, None, None)
-
-    @property
-    def is_mission(self) -> bool:
-        """Way points."""
-        return True
 
     def write(self, track: Track, target: Path) -> None:
         """Write the rows: number, current, frame, command, seven parameters, autocontinue."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from obsdesign.calculus import yaw
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import Model
 from obsdesign.errors import InputError
@@ -164,7 +165,7 @@ def _values(topic_map: TopicMap, name: str, entry: Mapping[str, Any], picked: _P
         if len(picked.columns) != 4:
             raise InputError(f"{place}: quaternion needs four fields, w, x, y, z")
         w, x, y, z = picked.columns
-        return np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2)))[:, None]
+        return np.unwrap(yaw(x, y, z, w))[:, None]
     values = np.column_stack(picked.columns)
     if "weights" not in entry:
         return values

@@ -59,7 +59,7 @@ def _build_document(study: Study) -> Result:
     checks: dict[str, dict[str, ValidationPart]] = {}
     for path_study in study.each:
         for check in path_study.checks:
-            checks.setdefault(check.path, {})[check.schedule] = _validation(study, check.validation)
+            checks.setdefault(check.path, {})[check.schedule] = validation_part(study.scenario.state_names, check.validation)
     return Result(
         schema_version=SCHEMA_VERSION,
         scenario=_scenario(study),
@@ -216,8 +216,8 @@ def _timings(study: Study) -> dict[str, float]:
     return dict(study.seconds) | ({"first plan": plans[0]} if plans else {}) | later
 
 
-def _validation(study: Study, validation: Validation) -> ValidationPart:
-    names = study.scenario.state_names
+def validation_part(names: tuple[str, ...], validation: Validation) -> ValidationPart:
+    """Return the filter runs along a path; names: of the states."""
     return ValidationPart(
         verdict=validation.verdict,
         in_band=validation.in_band,

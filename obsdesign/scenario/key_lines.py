@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from obsdesign.scenario.problem_text import Location
+from obsdesign.scenario.problem_text import Location, value_at
 
 # what a line that begins a statement looks like: the name of a table, or a key
 _STATEMENT = re.compile(r"""\s*(\[\[?[^\[\],]+\]\]?\s*(\#.*)?$|[\w."'-][\w\s."'-]*=)""")
@@ -21,7 +21,7 @@ def line_of(text: str, location: Location) -> int | None:
     the lines that look as if a statement began there. None: nothing of the location stands in the file, or it was not found.
     """
     lines, whole = [f"{line}\n" for line in text.split("\n")], tomllib.loads(text)
-    while location and not _holds(whole, location):
+    while location and value_at(whole, location) is None:
         location = location[:-1]
     starts = [number for number, line in enumerate(lines) if _STATEMENT.match(line)]
     low, high = 0, len(starts) - 1  # the statement is at starts[low] at the earliest, at starts[high] at the latest
@@ -30,7 +30,7 @@ def line_of(text: str, location: Location) -> int | None:
         if split is None:
             break
         index, data = split
-        low, high = (low, index - 1) if _holds(data, location) else (index, high)
+        low, high = (low, index - 1) if value_at(data, location) is not None else (index, high)
     return starts[low] + 1 if location and 0 <= high - low <= _TRIES else None
 
 
@@ -43,14 +43,3 @@ def _split(lines: list[str], starts: list[int], low: int, high: int) -> tuple[in
         except tomllib.TOMLDecodeError:  # what looked like a statement stands within a value
             continue
     return None
-
-
-def _holds(data: Any, location: Location) -> bool:  # noqa: ANN401
-    for part in location:
-        if isinstance(data, Mapping) and part in data:
-            data = data[str(part)]
-        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
-            data = data[part]
-        else:
-            return False
-    return True

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from obsdesign.calculus import wrap
 from obsdesign.design.problem_checks import position_of
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import simulate
@@ -62,7 +63,7 @@ class _Legs:
         while leg < len(self.speeds):
             start, end = self.points[leg], self.points[leg + 1]
             is_last = leg + 1 == len(self.speeds)
-            turn = 0.0 if is_last else _wrap(_angle(self.points[leg + 2] - end) - _angle(end - start))
+            turn = 0.0 if is_last else wrap(_angle(self.points[leg + 2] - end) - _angle(end - start))
             near = 0.0 if is_last else self.guidance.switch_distance(speed, turn)
             if np.linalg.norm(position - end) > near and (position - end) @ (end - start) < 0:
                 break
@@ -76,7 +77,7 @@ class _Legs:
         length = max(self.guidance.length(speed), 1e-6)
         left = float(along[0] * offset[1] - along[1] * offset[0]) / max(float(np.linalg.norm(along)), 1e-9)
         meeting = math.asin(min(max(-left / length, -_STEEPEST), _STEEPEST))
-        eta = min(max(meeting + _wrap(_angle(along) - _angle(velocity)), -math.pi / 2), math.pi / 2)
+        eta = min(max(meeting + wrap(_angle(along) - _angle(velocity)), -math.pi / 2), math.pi / 2)
         acceleration = 4 * self.guidance.damping**2 * speed**2 / length * math.sin(eta)
         return min(max(acceleration / max(air_speed, 1e-6), self.low), self.high)
 
@@ -114,10 +115,6 @@ def fly_way_points(
         rows.append(np.mean(commands, axis=0))
         x = whole(x, rows[-1])
     return simulate(system, path.x[0], np.array(rows), path.step, tolerance=path.tolerance), leg >= len(legs.speeds)
-
-
-def _wrap(angle: float) -> float:
-    return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 def _angle(vector: np.ndarray) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from obsdesign.cli.folders import require_writable
+from obsdesign.cli.folders import path_file, require_writable
 from obsdesign.cli.verb import QUIET, SEED, Argument, Outcome, Verb, out_argument
 from obsdesign.errors import ExitCode
 
@@ -24,13 +24,12 @@ def select(options: Namespace) -> Outcome:
     from obsdesign.report.to_document import document_of
     from obsdesign.study.runner import select_along
 
-    file = options.path / "trajectory.csv" if options.path.is_dir() else options.path
-    path_file = read_trajectory_csv(scenario.system, file)
+    given = read_trajectory_csv(scenario.system, path_file(options.path))
     # what is known of a scenario's own results is not asked of another path
-    study = select_along(scenario.model_copy(update={"expected": ()}), path_file.path, options.seed, path_file.notes)
+    study = select_along(scenario.model_copy(update={"expected": ()}), given.path, options.seed, given.notes)
     result = document_of(study) if options.out is None else write_report(options.out, study)
     written = () if options.out is None else (f"\nWritten to {options.out}/: open report.html",)
-    return Outcome(result.model_dump(mode="json"), (schedule_of(result), *path_file.notes, *written))
+    return Outcome(result.model_dump(mode="json"), (schedule_of(result), *given.notes, *written))
 
 
 VERB = Verb(

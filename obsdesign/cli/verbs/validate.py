@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from obsdesign.cli.folders import scenario_file
+from obsdesign.cli.folders import path_file, scenario_file
 from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import JOBS, QUIET, SCENARIO, SEED, Argument, Outcome, Verb
 from obsdesign.errors import ExitCode
@@ -26,21 +26,23 @@ def validate(options: Namespace) -> Outcome:
 
     from obsdesign.exchange.schedule_csv import read_schedule_csv
     from obsdesign.exchange.trajectory_csv import read_trajectory_csv
+    from obsdesign.report.to_document import validation_part
     from obsdesign.study.single_answers import path_to_validate, validate_scenario
 
     schedule_file = _schedule_file(options.along, options.schedule)
-    segments = None if schedule_file is None else read_schedule_csv(schedule_file, scenario.sensor_names)
+    segments = None if schedule_file is None else read_schedule_csv(schedule_file, scenario.sensor_names).chosen
     seed = scenario.seed if options.seed is None else options.seed
     with process_pool(options.jobs) as executor, progress_teller(options.quiet) as progress:
         if options.along is None:
             name, path = path_to_validate(scenario, seed, executor, progress)
         else:
-            along = options.along / "trajectory.csv" if options.along.is_dir() else options.along
+            along = path_file(options.along)
             name, path = str(along), read_trajectory_csv(scenario.system, along).path
         validation = validate_scenario(scenario, path, segments, seed, executor, progress)
     sensors = "all sensors on" if schedule_file is None else f"schedule {schedule_file}"
     document = {"scenario": str(file), "seed": seed, "path": name, "schedule": str(schedule_file) if schedule_file else None}
-    return Outcome(document | _document(scenario, validation), (f"path: {name}; {sensors}", *_lines(scenario, validation)))
+    document |= validation_part(scenario.state_names, validation).model_dump(mode="json")
+    return Outcome(document, (f"path: {name}; {sensors}", *_lines(scenario, validation)))
 
 
 def _schedule_file(along: Path | None, schedule: Path | None) -> Path | None:
@@ -59,19 +61,6 @@ def _lines(scenario: Scenario, validation: Validation) -> tuple[str, ...]:
         f"filter over {validation.runs} runs: {validation.verdict} ({band})",
         *(f"  {state.name:12} RMSE at the end {rmse:.4g} {state.unit}, no filter below {bound:.4g}" for state, rmse, bound in rows),
     )
-
-
-def _document(scenario: Scenario, validation: Validation) -> dict[str, object]:
-    names, bounds = scenario.state_names, [bound if bound < float("inf") else None for bound in validation.bound[-1].tolist()]
-    return {
-        "verdict": validation.verdict,
-        "in_band": validation.in_band,
-        "runs": validation.runs,
-        "final_rmse": dict(zip(names, validation.rmse[-1].tolist(), strict=True)),
-        "final_bound": dict(zip(names, bounds, strict=True)),
-        "nees": validation.nees.tolist(),
-        "nees_interval": list(validation.nees_interval),
-    }
 
 
 VERB = Verb(
