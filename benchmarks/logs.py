@@ -1,8 +1,8 @@
 """Recorded runs at their own times: the filter from event to event, and whether the posterior tells hard stretches from easy ones.
 
-The files are no part of the project: OBSDESIGN_LOGS names their folder, as for `recorded_runs`. Nothing is resampled. Biases, sigmas
-and psd of odometry are fitted on the first half of a run against its truth; those of the trolley and of the small robot's wheels are
-set by hand.
+The files are no part of the project: OBSDESIGN_LOGS names their folder, as for `recorded_runs`. Nothing is resampled. Standard
+deviations, biases, scales and process noise are what `od.calibrate` makes of the first half of a run, with its truth or without;
+before, each sensor is stated with a standard deviation of 1 m, the tags of the trolley with 0.1 m, and the lengths of wheels by hand.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import os
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from time import process_time
 
@@ -19,30 +20,33 @@ import numpy as np
 from scipy.stats import rankdata
 
 import obsdesign as od
-from benchmarks.recorded_runs import FOLDER, RANGE_SCALE
+from benchmarks.recorded_runs import FOLDER
 from benchmarks.tables import machine, table, write
 from benchmarks.trolley import TagRanges, Trolley
 from obsdesign.dynamics.per_step import PerStepSystem
+from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.logs.events import events_of
 
 WINDOW, RESTARTS = 10.0, 32  # s, filters per window
 START_STD, WINDOW_STDS = (1.0, 1.0, 0.1), ((1.0, 1.0, 0.1), (3.0, 3.0, 0.3))  # of x, y and heading
-_SLOWEST_HEADING = 1e-6  # rad^2/s: the true heading of Plaza 1 is its gyro's own
 _HALF_TRACK = 0.0785  # m, of the small robot; its columns of left and right are swapped
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A recorded run with the model that was fitted on its first half; start: a state at its beginning."""
+    """A recorded run, a system as it is stated, a prior of its beginning, and how long it took to read."""
 
     name: str
     system: od.System
     log: od.Log
-    start: np.ndarray
-    std: tuple[float, ...]
-    psd: tuple[float, ...]
+    prior: od.Prior
     read_seconds: float
+
+    @cached_property
+    def fit(self) -> od.Calibration:
+        """What its first half tells."""
+        return od.calibrate(self.system, self.log.first(0.5), self.prior)
 
 
 def main() -> None:
@@ -60,17 +64,23 @@ def main() -> None:
 def _filters(drives: list[Drive]) -> str:
     rows = []
     for drive in drives:
-        began = process_time()
-        prior = od.Prior(drive.start, std=drive.std)
-        estimate = od.estimate_log(drive.system, drive.log, prior, disturbance_psd=drive.psd)
-        seconds = process_time() - began
-        truth = drive.log.truth.at(estimate.t)
-        error = np.hypot(*(estimate.mean[:, :2] - truth[:, :2]).T)
-        half = estimate.t > np.mean(drive.log.span)
-        rms = [float(np.sqrt(np.nanmean(values**2))) for values in (error[half], error)]
-        rows.append([drive.name, len(drive.log.samples.t), len(estimate.t) - 1, *rms, drive.read_seconds, seconds])
-    header = ["run", "samples", "steps", "RMSE, second half [m]", "RMSE [m]", "read [s]", "filter [s]"]
+        half = drive.log.first(0.5)
+        for log in (half, od.Log(half.inputs, half.samples)):
+            began = process_time()
+            fit = od.calibrate(drive.system, log, drive.prior)
+            fitted = process_time()
+            estimate = od.estimate_log(fit.system, drive.log, drive.prior, disturbance_psd=fit.disturbance_psd, input_psd=fit.input_psd)
+            seconds = drive.read_seconds, fitted - began, process_time() - fitted
+            by = "truth" if log.truth is not None else "innovations"
+            rows.append([drive.name, by, len(drive.log.samples.t), len(estimate.t) - 1, *_errors(drive.log, estimate), *seconds])
+    header = ["run", "calibrated by", "samples", "steps", "RMSE, second half [m]", "RMSE [m]", "read [s]", "calibrate [s]", "filter [s]"]
     return table(header, rows)
+
+
+def _errors(log: od.Log, estimate: od.Estimate) -> list[float]:
+    """Return the root mean square position error over the second half, and over all [m]."""
+    error = np.hypot(*(estimate.mean[:, :2] - log.truth.at(estimate.t)[:, :2]).T)
+    return [float(np.sqrt(np.nanmean(values**2))) for values in (error[estimate.t > np.mean(log.span)], error)]
 
 
 def _rankings(drives: list[Drive]) -> str:
@@ -108,21 +118,24 @@ def _window(drive: Drive, part: od.Log, begin: float, std: tuple[float, ...]) ->
     times = np.concatenate([[begin], inner])
     path = od.Trajectory(times, drive.log.truth.at(times, ("heading",)), drive.log.inputs.over(times))
     prior = od.Prior(path.x[0], std=std)
-    J = od.posterior_information(drive.system, path, prior, drive.psd, samples=part)
+    fit = drive.fit
+    J = od.posterior_information(fit.system, path, prior, fit.disturbance_psd, samples=part, input_psd=fit.input_psd)
     predicted = float(np.sqrt(np.mean([np.trace(np.linalg.inv(matrix)[:2, :2]) for matrix in J])))
-    W = od.variational_gramian(drive.system, path, samples=part)
+    W = od.variational_gramian(fit.system, path, samples=part)
     with_prior = float(np.sqrt(np.trace(np.linalg.inv(prior.information + W.total)[:2, :2])))
     return _actual(drive, part, prior), predicted, with_prior, float(np.hypot(*W.std[:2]))
 
 
 def _actual(drive: Drive, part: od.Log, prior: od.Prior) -> float:
     """Return the root mean square position error of filters that begin at draws of the prior."""
-    events = events_of(drive.system, part)
+    system = drive.fit.system
+    events = events_of(system, part)
     random = np.random.default_rng(0)
     starts = prior.mean + random.standard_normal((RESTARTS, 3)) * prior.std
-    bank = FilterBank(PerStepSystem(drive.system, has_arrived=True), 1.0, np.diag(drive.psd))
+    noise = noise_of(system.model, drive.fit.disturbance_psd, drive.fit.input_psd, 1.0)
+    bank = FilterBank(PerStepSystem(system, has_arrived=True), 1.0, noise)
     initial = Belief(starts, np.tile(prior.covariance, (RESTARTS, 1, 1)))
-    active = events.arrived[:, list(drive.system.model.output_owner)]
+    active = events.arrived[:, list(system.model.output_owner)]
     y = np.repeat(events.y[:, None], RESTARTS, axis=1)
     belief = bank.run(initial, events.rows, y, active)
     truth = drive.log.truth.at(events.t)[:, None, :2]
@@ -138,51 +151,21 @@ def _factor(actual: np.ndarray, predicted: np.ndarray) -> float:
 
 
 def _plaza(folder: Path, number: int) -> Drive:
-    """A mower that ranges to four beacons; radios read so much long, and in the second run it drives backwards."""
+    """A mower that ranges to four beacons; in the second run it drives backwards."""
     file = folder / f"plaza{number}.npz"
     beacons = np.load(file)["beacons"]
-    places = {f"beacon_{int(name)}": (float(x), float(y)) for name, x, y in beacons}
+    system = _ranging({f"beacon_{int(name)}": (float(x), float(y)) for name, x, y in beacons})
     began = process_time()
-    log = od.read_log(file, _ranging(places, 1.0))
+    log = od.read_log(file, system)
     seconds = process_time() - began
-    samples = od.LogSamples(log.samples.names, log.samples.t, log.samples.sensor, log.samples.y / RANGE_SCALE)
     turned = np.array([0.0, 0.0, np.pi if number == 2 else 0.0])
-    log = od.Log(log.inputs, samples, od.LogTruth(log.truth.names, log.truth.t, log.truth.x + turned))
-    sigma = _spread(_residuals(log.first(0.5), places))
+    log = od.Log(log.inputs, log.samples, od.LogTruth(log.truth.names, log.truth.t, log.truth.x + turned))
     start = log.truth.at(np.array([max(log.span[0], log.truth.t[0])]), ("heading",))[0]
-    return Drive(f"Plaza {number}", _ranging(places, sigma), log, start, START_STD, _psd(log.first(0.5)), seconds)
+    return Drive(f"Plaza {number}", system, log, od.Prior(start, START_STD), seconds)
 
 
-def _ranging(places: dict[str, tuple[float, float]], sigma: float) -> od.System:
-    return od.System(od.Unicycle(), tuple(od.Range(place, sigma, name=name) for name, place in places.items()))
-
-
-def _residuals(log: od.Log, places: dict[str, tuple[float, float]]) -> np.ndarray:
-    """Return how much longer ranges are than the truth says (K,) [m]."""
-    points = np.array([places[name] for name in log.samples.names])[log.samples.sensor]
-    distances = np.linalg.norm(log.truth.at(log.samples.t)[:, :2] - points, axis=1)
-    return log.samples.y[:, 0] - distances
-
-
-def _spread(residuals: np.ndarray) -> float:
-    """Return a standard deviation by the median absolute deviation."""
-    known = residuals[np.isfinite(residuals)]
-    return float(1.4826 * np.median(np.abs(known - np.median(known))))
-
-
-def _psd(log: od.Log) -> tuple[float, float, float]:
-    """Return the psd of x, y and heading: mean squares of how far dead reckoning is off after ten seconds."""
-    errors = []
-    begins = np.arange(log.truth.t[0], log.truth.t[-1] - WINDOW, WINDOW)
-    for begin in begins:
-        times = np.linspace(begin, begin + WINDOW, 101)
-        x0, x1 = log.truth.at(np.array([begin, begin + WINDOW]), ("heading",))
-        errors.append(od.simulate(_DEAD_RECKONING, x0, log.inputs.over(times), np.diff(times)).x[-1] - x1)
-    x, y, heading = np.mean(np.square(errors), axis=0) / WINDOW
-    return float(x + y) / 2, float(x + y) / 2, max(float(heading), _SLOWEST_HEADING)
-
-
-_DEAD_RECKONING = od.System(od.Unicycle(), (od.GPS(1.0),))
+def _ranging(places: dict[str, tuple[float, float]]) -> od.System:
+    return od.System(od.Unicycle(), tuple(od.Range(place, 1.0, name=name) for name, place in places.items()))
 
 
 def _labyrinth(folder: Path) -> Drive:
@@ -201,13 +184,10 @@ def _labyrinth(folder: Path) -> Drive:
         topics = Path(temporary) / "topics.toml"
         topics.write_text("\n".join(rows))
         began = process_time()
-        log = od.read_log(file, _ranging(places, 1.0), topics)
+        log = od.read_log(file, _ranging(places), topics)
         seconds = process_time() - began
-    residuals = _residuals(log.first(0.5), places)
-    samples = od.LogSamples(log.samples.names, log.samples.t, log.samples.sensor, log.samples.y - np.median(residuals))
-    log = od.Log(log.inputs, samples, log.truth)
     start = np.append(log.truth.x[0], 0.0)  # heading is not in the file
-    return Drive("Labyrinth", _ranging(places, _spread(residuals)), log, start, (0.3, 0.3, 2.0), (1e-3, 1e-3, 1e-2), seconds)
+    return Drive("Labyrinth", _ranging(places), log, od.Prior(start, (0.3, 0.3, 2.0)), seconds)
 
 
 def _trolley(folder: Path) -> Drive:
@@ -216,12 +196,8 @@ def _trolley(folder: Path) -> Drive:
     arrays = np.load(file)
     tags = tuple(tuple(map(float, tag)) for tag in arrays["tags_body"] + [0.0, 0.0, float(np.median(arrays["pose"][:, 2]))])
     anchors = [tuple(map(float, anchor)) for anchor in arrays["anchors"]]
-    sensors = tuple(TagRanges(anchor=a, tags=tags, sigma=0.065, inflation=3.0, name=f"anchor_{i}") for i, a in enumerate(anchors))
-    system = od.System(Trolley(), sensors)
+    system = od.System(Trolley(), tuple(TagRanges(anchor=a, tags=tags, sigma=0.1, name=f"anchor_{i}") for i, a in enumerate(anchors)))
     began = process_time()
     log = od.read_log(file, system)
     seconds = process_time() - began
-    bias = np.array([arrays["range_bias_median"][int(name[7:])] for name in log.samples.names])[log.samples.sensor]
-    log = od.Log(log.inputs, od.LogSamples(log.samples.names, log.samples.t, log.samples.sensor, log.samples.y - bias), log.truth)
-    start = np.concatenate([log.truth.x[0], [0.0, 0.0]])
-    return Drive("LIAS", system, log, start, (0.1, 0.1, 0.1, 0.5, 0.5), (3e-3, 3e-3, 1e-3, 0.02, 0.06), seconds)
+    return Drive("LIAS", system, log, od.Prior(np.concatenate([log.truth.x[0], [0.0, 0.0]]), (0.1, 0.1, 0.1, 0.5, 0.5)), seconds)

@@ -2,6 +2,9 @@ from .analysis.polynomial_inputs import Polynomial as Polynomial
 from .analysis.query import observability as observability
 from .analysis.verdict import UnobservableError as UnobservableError
 from .analysis.verdict import Verdict as Verdict
+from .calibration.calibration_record import CalibratedNumber as CalibratedNumber
+from .calibration.calibration_record import Calibration as Calibration
+from .calibration.from_log import calibrate as calibrate
 from .constraints.circle_clearance import CircleClearance as CircleClearance
 from .constraints.goal import Goal as Goal
 from .constraints.goal_pose import GoalPose as GoalPose

@@ -75,6 +75,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "upper_bound": {"blocks": BLOCKS, "Z": np.eye(3) / 3},
     "pareto": {"blocks": BLOCKS, "budget": od.EnergyBudget(5.0, 1.0), "points": 2},
     "estimate_log": {"system": SYSTEM, "log": LOG, "prior": PRIOR},
+    "calibrate": {"system": SYSTEM, "log": LOG, "prior": PRIOR},
     "path_of_estimate": {"system": SYSTEM, "log": LOG, "estimate": od.estimate_log(SYSTEM, LOG, PRIOR)},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
     "estimate_states": {"system": SYSTEM, "prior": PRIOR, "u": U, "y": np.ones((8, 3)), "dt": 0.5},
@@ -160,6 +161,8 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
 # records that obsdesign returns, enumerations, errors: nothing that a user gives goes into them
 RETURNED = (
     *(
+        "CalibratedNumber",
+        "Calibration",
         "CircleResiduals",
         "Contributions",
         "Curve",

@@ -11,6 +11,7 @@ from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.process_noise import model_with_noisy_inputs
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE
+from obsdesign.estimation._linear_update import linear_innovations, sequential_update
 from obsdesign.estimation._motion import Motion
 from obsdesign.estimation._noise import NoiseForm, NoiseGraph, noise_graph
 from obsdesign.estimation._samples import SampleInnovations, Samples
@@ -134,6 +135,19 @@ def report_scan(key: FilterKey, model: Model) -> Scan:
     graphs = _graphs(key, model)
     updated = graphs.update()
     return _both(graphs, updated, [updated.belief.mean, updated.belief.spread.column, *updated.report(model)])
+
+
+@lru_cache(CACHE_SIZE)
+def innovation_scan(key: FilterKey, model: Model) -> Scan:
+    """The same of an EKF; results (q,): what is new in each output after those before it, 0 without one, and its variance."""
+    graphs = _graphs(key, model)
+    samples, belief = graphs.samples, graphs.belief
+    outputs = samples.linearise(belief.mean)
+    residual = samples.residual(outputs.expected)
+    is_usable = samples.is_usable(outputs.C, residual, outputs.variance)
+    after, innovations, variances = sequential_update(belief, outputs, residual, is_usable)
+    updated = _Updated(after, graphs.counters, linear_innovations(samples, belief), is_usable, ca.SX.zeros(len(model.channels)))
+    return _both(graphs, updated, [ca.densify(ca.vertcat(*innovations)), ca.densify(ca.vertcat(*variances))])
 
 
 @lru_cache(CACHE_SIZE)

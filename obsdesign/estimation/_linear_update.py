@@ -23,12 +23,23 @@ def linear_innovations(samples: Samples, belief: BeliefGraph) -> SampleInnovatio
 
 def linear_update(belief: BeliefGraph, outputs: Outputs, residual: ca.SX, is_taken: ca.SX) -> BeliefGraph:
     """Return the belief after y = C X + noise, residual y - C m, one output after the other: white noise, so that it is all at once."""
+    return sequential_update(belief, outputs, residual, is_taken)[0]
+
+
+def sequential_update(
+    belief: BeliefGraph, outputs: Outputs, residual: ca.SX, is_taken: ca.SX
+) -> tuple[BeliefGraph, list[ca.SX], list[ca.SX]]:
+    """Return the same, and of each output what is new in it after those before it, with the variance that is expected of that."""
     C, correction, spread = mask_rows(outputs.C, is_taken), ca.SX.zeros(belief.mean.numel()), belief.spread
+    innovations, variances = [], []
     for i in range(C.shape[0]):
         residual_i = ca.if_else(is_taken[i], residual[i], 0)
-        gain, spread = spread.after_sample(C[i, :], ca.if_else(is_taken[i], outputs.variance[i], 1))
-        correction += gain * (residual_i - C[i, :] @ correction)
-    return BeliefGraph(belief.mean + correction, spread)
+        variance = ca.if_else(is_taken[i], outputs.variance[i], 1)
+        innovations.append(residual_i - C[i, :] @ correction)
+        variances.append(C[i, :] @ spread.cross_covariance(C[i, :]) + variance)
+        gain, spread = spread.after_sample(C[i, :], variance)
+        correction += gain * innovations[-1]
+    return BeliefGraph(belief.mean + correction, spread), innovations, variances
 
 
 def linear_prediction(motion: Motion, belief: BeliefGraph, root: ca.SX) -> Prediction:

@@ -76,11 +76,11 @@ def form_of(noise: ProcessNoise) -> NoiseForm:
     return NoiseForm(noise.input_names, is_per_speed)
 
 
-def noise_row(noise: ProcessNoise, has_roots: bool) -> np.ndarray:
-    """Return the numbers for the row of `noise_graph`."""
-    form, parts = form_of(noise), [noise.L]
-    if form.is_per_speed:
-        parts.append(noise.L_per_speed)
+def noise_row(noise: ProcessNoise, has_roots: bool, form: NoiseForm | None = None) -> np.ndarray:
+    """Return the numbers for the row of `noise_graph`; form: its own, or one that has more."""
+    form = form or form_of(noise)
+    by_name = {each.name: (each.steady, each.per_speed) for each in noise.inputs}
+    steady, growing = zip(*(by_name.get(name, (0.0, 0.0)) for name in form.inputs), strict=True) if form.inputs else ((), ())
+    parts = [noise.L, noise.L_per_speed] if form.is_per_speed else [noise.L]
     spreads = [spread_values(L @ L.T, has_roots) for L in parts]
-    deviations = [[each.steady for each in noise.inputs], [each.per_speed for each in noise.inputs]][: len(parts)]
-    return np.concatenate([*spreads, *map(np.array, deviations)])
+    return np.concatenate([*spreads, steady, growing if form.is_per_speed else ()])

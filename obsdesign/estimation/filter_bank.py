@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +14,15 @@ from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import substeps_needed
 from obsdesign.errors import InputError
-from obsdesign.estimation._filter_scans import FilterKey, filter_scan, predict_scan, report_scan, smoother_scan, update_scan
+from obsdesign.estimation._filter_scans import (
+    FilterKey,
+    filter_scan,
+    innovation_scan,
+    predict_scan,
+    report_scan,
+    smoother_scan,
+    update_scan,
+)
 from obsdesign.estimation._noise import NoiseForm, form_of, noise_row
 from obsdesign.estimation._spread import covariance_values, root_values, spread_values
 from obsdesign.estimation.abstract import AbstractEstimator
@@ -111,6 +120,22 @@ class FilterBank:
             carries = self._smooth(key, carries, self._step_rows(u, increments))
         means, covariances = carries[..., :n], covariance_values(carries[..., self._size :], self._size, self._has_roots)[..., :n, :n]
         return Belief(means.swapaxes(0, 1), covariances.swapaxes(0, 1)), reports
+
+    def sequential_innovations(
+        self, initial: Belief, u: np.ndarray, y: np.ndarray, weights: np.ndarray, noises: Sequence[ProcessNoise]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is new in each output after all before it, and its variance, (R, N, q), of EKFs with R process noises of one form.
+
+        u (N, m) or (R, N, m), y and weights, how often each counts, (N, q) or (R, N, q). Independent given the past: their
+        likelihood is that of the log.
+        """
+        is_per_speed = any(form_of(noise).is_per_speed for noise in noises)
+        names = tuple(dict.fromkeys(name for noise in noises for name in noise.input_names))
+        key = FilterKey(ExtendedKalmanFilter(), self.step, self.substeps or 1, self._has_roots, NoiseForm(names, is_per_speed))
+        rows = np.stack([noise_row(noise, self._has_roots, key.noise) for noise in noises])
+        rows = np.broadcast_to(rows[:, None], (len(rows), u.shape[-2], rows.shape[1]))
+        run = innovation_scan(key, self.system.model).run(self._pack(initial), [y, weights, u, rows], u.shape[-2], carries=False)
+        return run.results[0], run.results[1]
 
     def _smooth(self, key: FilterKey, carries: np.ndarray, step_rows: list[np.ndarray]) -> np.ndarray:
         """Return (R, N+1, .) given all samples, of the same given those until then."""

@@ -59,7 +59,7 @@ def estimate_log(
     per_step, chosen = PerStepSystem(system, has_arrived=True), estimator or ExtendedKalmanFilter()
     bank = FilterBank(per_step, 1.0, noise, tolerance=tolerance, estimator=chosen)
     start = Belief(prior.mean[None], prior.covariance[None])
-    belief, reports = bank.report(start, events.rows, events.y[:, None], _weights(system, events))
+    belief, reports = bank.report(start, events.rows, events.y[:, None], sample_weights(system, events))
     require_estimates(system, belief, events.t)
     return estimate_of(system, events.t, belief, reports, events.arrived)
 
@@ -83,7 +83,7 @@ def path_of_estimate(system: AbstractSystem, log: Log, estimate: Estimate) -> Tr
     return Trajectory(t, estimate.mean[is_last], input_integrals(system.model, log, t) / np.diff(t)[:, None])
 
 
-def _weights(system: AbstractSystem, events: Events) -> np.ndarray:
+def sample_weights(system: AbstractSystem, events: Events) -> np.ndarray:
     """Return how often each output counts (N, q): 0 where there is none, (spread / sigma)^2 where the log says how exact it is, else 1."""
     import casadi as ca
 

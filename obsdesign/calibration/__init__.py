@@ -1,0 +1,1 @@
+"""From a log to the noises, biases and scales that explain it."""

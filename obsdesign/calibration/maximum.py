@@ -1,0 +1,137 @@
+"""The most likely parameters, what the data tell of them, and intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.calibration.likelihood import LikelihoodPoint, LogLikelihood
+from obsdesign.calibration.parameters import Parameter
+
+NORMAL_QUANTILE = 1.959963984540054
+_LIKELIHOOD_DROP = 1.920729410347062  # chi-square quantile for 95 %, 1 degree of freedom, over 2
+_SURE = NORMAL_QUANTILE  # standard deviations from nothing beyond which a bias or a scale is taken: 95 %
+_ENOUGH = 1e-4  # by which f may still be expected to fall
+_MOST_STEPS = 40
+UNTOLD = 0.5  # of the spread before the data: a standard deviation above it tells of nothing
+_RAGGED = 0.7  # standard deviation of a logarithm beyond which its likelihood is looked at, not its curvature
+_OUTLIER = 4.0  # standard deviations of an innovation
+_FARTHEST, _POINTS = 2.5, 20  # of z, when the end of an interval is looked for
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """Where -log p of z (P,) is least, Fisher's information there, and whether the search ended."""
+
+    z: np.ndarray
+    information: np.ndarray
+    has_converged: bool
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviations (P,) of z."""
+        return np.sqrt(np.diag(np.linalg.inv(self.information)))
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the data tell of a parameter: its value, its 95 % interval, and whether they tell anything."""
+
+    parameter: Parameter
+    value: float
+    low: float
+    high: float
+    is_told: bool
+
+    @property
+    def without_effect(self) -> Told:
+        """The parameter as it is without the data, in an interval that holds that."""
+        start = self.parameter.start
+        return Told(self.parameter, start, min(self.low, start), max(self.high, start), self.is_told)
+
+
+def most_likely(likelihood: LogLikelihood, start: np.ndarray | None = None) -> tuple[LogLikelihood, Maximum]:
+    """Return the maximum, and the likelihood without the samples that are outliers there."""
+    first = maximum(likelihood, np.zeros(len(likelihood.free)) if start is None else start)
+    trimmed = likelihood.without_outliers(first.z, _OUTLIER)
+    if np.array_equal(trimmed.recording.weights, likelihood.recording.weights):
+        return likelihood, first
+    return trimmed, maximum(trimmed, first.z)
+
+
+def maximum(likelihood: LogLikelihood, start: np.ndarray) -> Maximum:
+    """Return the maximum from a start (P,), by a trust region with Fisher's information in the place of the second derivative."""
+    from scipy.optimize import minimize
+
+    if not len(start):
+        return Maximum(start, np.zeros((0, 0)), has_converged=True)
+    seen: dict[bytes, LikelihoodPoint] = {}
+
+    def at(z: np.ndarray) -> LikelihoodPoint:
+        """Return what there is at z, computed once."""
+        key = z.tobytes()
+        if key not in seen:
+            seen[key] = likelihood.at(z)
+        return seen[key]
+
+    def stop(intermediate_result: object) -> None:
+        """End where no step would gain anything."""
+        if at(np.asarray(intermediate_result.x)).decrement < _ENOUGH:  # pyright: ignore[reportAttributeAccessIssue]
+            raise StopIteration
+
+    result = minimize(
+        lambda z: at(z).value,
+        start,
+        jac=lambda z: at(z).slope,
+        hess=lambda z: at(z).information,
+        method="trust-exact",
+        callback=stop,
+        options={"initial_trust_radius": 0.3, "max_trust_radius": 1.0, "maxiter": _MOST_STEPS, "gtol": 1e-9},
+    )
+    best = at(result.x)
+    return Maximum(result.x, best.information, best.decrement < 10 * _ENOUGH)
+
+
+def without_what_is_not_there(free: tuple[Parameter, ...], peak: Maximum) -> np.ndarray:
+    """Return which parameters stay (P,): not biases and scales whose intervals hold what they are without the data.
+
+    One after the other, the least sure first, the others being what they are without those before.
+    """
+    stays = np.ones(len(free), dtype=bool)
+    z, information = peak.z, peak.information
+    while True:
+        kept = np.flatnonzero(stays)
+        covariance = np.linalg.inv(information[np.ix_(kept, kept)])
+        # of the others being 0: x_k + H_kk^-1 H_kd x_d
+        values = z[kept] + covariance @ information[np.ix_(kept, np.flatnonzero(~stays))] @ z[~stays]
+        ratios = np.abs(values) / np.sqrt(np.diag(covariance))
+        doubtful = np.array([free[i].quantity.is_correction for i in kept], dtype=bool) & (ratios < _SURE)
+        if not doubtful.any():
+            return stays
+        stays[kept[np.argmin(np.where(doubtful, ratios, np.inf))]] = False
+
+
+def told_of(likelihood: LogLikelihood, peak: Maximum) -> tuple[Told, ...]:
+    """Return what the data tell of each free parameter."""
+    result = []
+    for i, (parameter, z, std) in enumerate(zip(likelihood.free, peak.z, peak.std, strict=True)):
+        low, high = z - NORMAL_QUANTILE * std, z + NORMAL_QUANTILE * std
+        is_told = bool(std < UNTOLD)
+        if parameter.quantity.is_positive and std * parameter.spread > _RAGGED:
+            low, high = _profile(likelihood, peak, i)
+            is_told = bool(np.isfinite(high))
+        result.append(Told(parameter, float(parameter.value(z)), float(parameter.value(low)), float(parameter.value(high)), is_told))
+    return tuple(result)
+
+
+def _profile(likelihood: LogLikelihood, peak: Maximum, i: int) -> tuple[float, float]:
+    """Return where -log p of the samples has risen by 1.92 to either side in z_i, the others as they are; -inf and inf where nowhere."""
+    offsets = np.linspace(-_FARTHEST, _FARTHEST, 2 * _POINTS + 1)
+    points = peak.z + offsets[:, None] * np.eye(len(peak.z))[i]
+    values = likelihood.values_at(points) - 0.5 * np.sum(points**2, axis=1)
+    is_far = values - values.min() > _LIKELIHOOD_DROP
+    best = int(np.argmin(values))
+    below, above = np.flatnonzero(is_far[:best]), np.flatnonzero(is_far[best:])
+    low = peak.z[i] + offsets[below[-1]] if len(below) else -np.inf
+    return low, peak.z[i] + offsets[best + above[0]] if len(above) else np.inf
