@@ -335,10 +335,18 @@ def test_samples_that_are_there_are_finite_and_others_may_be_anything():
     assert np.isnan(estimate.innovations[1]).all()
 
 
-@pytest.mark.parametrize("wrong", [{"y": np.ones((3, 1))}, {"active": np.ones((2, 1))}, {"dt": -1.0}, {"disturbance_psd": (1.0,)}])
-def test_what_does_not_fit_is_refused(wrong: dict[str, object]):
-    arguments = {"u": np.zeros((3, 2)), "y": np.ones((3, 2)), "dt": 1.0, **wrong}
-    with pytest.raises(od.InputError, match=next(iter(wrong))):
+WRONG: dict[str, dict[str, object]] = {
+    r"^y has shape \(3, 1\)": {"y": np.ones((3, 1))},
+    r"^active has shape \(2, 1\)": {"active": np.ones((2, 1))},
+    r"^dt is -1\.0": {"dt": -1.0},
+    "^disturbance_psd": {"disturbance_psd": (1.0,)},
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_what_does_not_fit_is_refused(message: str):
+    arguments = {"u": np.zeros((3, 2)), "y": np.ones((3, 2)), "dt": 1.0, **WRONG[message]}
+    with pytest.raises(od.InputError, match=message):
         od.estimate_states(od.System(od.Unicycle(), (od.GPS(1.0),)), od.Prior((0.0, 0.0, 0.0), std=(1.0, 1.0, 0.1)), **arguments)  # type: ignore[arg-type]
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 import struct
+from decimal import Decimal
 
 import numpy as np
 import pymap3d
@@ -45,12 +46,12 @@ def long_csv(file, rows, header="t [s],signal,value", time=lambda t: repr(float(
     return file
 
 
-def same(first, second):
+def same(first, second, tolerance=1e-12):
     """Two logs hold the same numbers."""
     for part, fields in {"inputs": ("t", "u"), "samples": ("t", "sensor", "y"), "truth": ("t", "x")}.items():
         for field in fields:
             a, b = (getattr(getattr(log, part), field) for log in (first, second))
-            assert a == pytest.approx(b, rel=1e-12, abs=2e-6, nan_ok=True)
+            assert a == pytest.approx(b, rel=1e-12, abs=tolerance, nan_ok=True)
     assert first.inputs.names == second.inputs.names
 
 
@@ -61,8 +62,10 @@ def test_one_drive_in_many_hands_is_one_log(tmp_path):
     assert len(log.inputs.t) == 400 and not log.notes
     order = np.random.default_rng(1).permutation(len(rows))
     same(od.read_log(long_csv(tmp_path / "shuffled.csv", [rows[i] for i in order]), SYSTEM).first(1.0), log)
-    unix = od.read_log(long_csv(tmp_path / "unix.csv", [(t + 1.7e9, name, value) for t, name, value in rows]), SYSTEM)
+    unix = od.read_log(long_csv(tmp_path / "unix.csv", rows, time=lambda t: str(1_700_000_000 + Decimal(float(t)))), SYSTEM)
     same(unix, log)
+    rounded = od.read_log(long_csv(tmp_path / "rounded.csv", [(t + 1.7e9, name, value) for t, name, value in rows]), SYSTEM)
+    same(rounded, log, tolerance=2e-6)
     assert unix.epoch == 1.7e9 and "times are seconds since 2023-11-14 22:13:20 UTC" in unix.notes
     degrees = {"turn_rate": "turn_rate [deg/s]", "magnetometer": "magnetometer [deg]", "truth.heading": "truth.heading [deg]"}
     written = [(t, degrees.get(name, name), np.degrees(value) if name in degrees else value) for t, name, value in rows]
@@ -104,6 +107,29 @@ def test_a_sample_may_say_how_exact_it_is(tmp_path):
     assert "gps never answers: the file has no sample of it" in log.notes
 
 
+def test_outputs_of_one_sensor_share_their_sigma(tmp_path):
+    (tmp_path / "a.csv").write_text("t,signal,value,sigma\n0,speed,1,\n0,turn_rate,0,\n1,gps_x,5,\n1,gps_y,6,0.3\n2,gps_x,5,\n2,gps_y,6,\n")
+    assert od.read_log(tmp_path / "a.csv", GPS_ONLY).samples.sigma == pytest.approx([0.3, np.nan], nan_ok=True)
+
+
+def test_nanoseconds_of_unix_time_are_not_lost(tmp_path):
+    """A double of 1.7e18 ns is a multiple of 256 of them; what the digits say is 123 ns and 1 ns behind the tenths."""
+    rows = [f"17000000001{k}000{tail},gps_{axis},1" for k, tail in ((0, "0123"), (1, "0001")) for axis in "xy"]
+    (tmp_path / "a.csv").write_text(
+        "\n".join(["t [ns],signal,value", "1700000000000000000,speed,1", "1700000000000000000,turn_rate,0", *rows])
+    )
+    log = od.read_log(tmp_path / "a.csv", GPS_ONLY)
+    assert log.samples.t == pytest.approx([0.100000123, 0.110000001], abs=1e-15)
+    assert log.epoch == 1.7e9
+
+
+def test_what_stands_there_twice_is_left_out_in_any_order(tmp_path):
+    for order in ("5 5 6", "5 6 5", "6 5 5"):
+        rows = "".join(f"1,beacon_0,{value}\n" for value in order.split())
+        (tmp_path / "a.csv").write_text("t,signal,value\n0,speed,1\n0,turn_rate,0\n" + rows)
+        assert sorted(od.read_log(tmp_path / "a.csv", SYSTEM).samples.y[:, 0]) == [5.0, 6.0]
+
+
 HEADER = "t [s],signal,value\n0,speed,1\n0,turn_rate,0\n"
 BAD = {
     "times go backwards": ("t,speed,turn_rate,beacon_0\n0,1,0,5\n2,1,0,5\n1,1,0,5\n", r"line 4, column 't': 1 s comes after 2 s"),
@@ -118,6 +144,10 @@ BAD = {
     "half a position": (HEADER + "1,gps_x,5\n2,gps_x,5\n", "output 'gps_y' has 0 columns"),
     "a position that stops": (HEADER + "1,gps_x,5\n1,gps_y,5\n2,gps_x,5\n", r"column 'gps_y': has no value at t = 2 s"),
     "a sigma below 0": ("t,signal,value,sigma\n0,speed,1,\n0,turn_rate,0,\n1,beacon_0,5,-1\n", "line 4, column 'sigma': -1 must be"),
+    "two sigmas of one position": (
+        "t,signal,value,sigma\n0,speed,1,\n0,turn_rate,0,\n1,gps_x,5,0.1\n1,gps_y,5,0.3\n",
+        r"line 5, column 'gps_y': sigma is 0\.3, where line 4, column 'gps_x' has 0\.1",
+    ),
     "a cell too many": (HEADER + "1,beacon_0,5,6\n", "line 4: has 4 columns: the header has 3"),
     "a word for a time": (HEADER + "soon,beacon_0,5\n", "line 4: 'soon' is no time"),
 }  # fmt: skip
@@ -145,6 +175,19 @@ def test_units_that_cannot_be_meant_are_named_with_the_column(case, tmp_path):
     rows = [(t, name, change(name, value)) for t, name, value in driven(2)]
     with pytest.raises(od.InputError, match=message):
         od.read_log(long_csv(tmp_path / "off.csv", rows), SYSTEM)
+
+
+def test_noise_about_nothing_is_no_wrong_unit(tmp_path):
+    """Straight on: positions across the way and turns are noise, a thousand times the truth's and a sixtieth of it."""
+    random, t = np.random.default_rng(4), 0.1 * np.arange(400)
+    columns = {
+        "t": t, "speed": np.ones(400), "turn_rate": 0.003 * random.standard_normal(400), "gps_x": t + random.standard_normal(400),
+        "gps_y": random.standard_normal(400), "truth.x": t, "truth.y": 1e-3 * (1 + 0.1 * np.sin(t)),
+        "truth.heading": 0.02 * random.standard_normal(400),
+    }  # fmt: skip
+    rows = [",".join(columns), *(",".join(map(repr, row)) for row in np.column_stack(list(columns.values())).tolist())]
+    (tmp_path / "straight.csv").write_text("\n".join(rows))
+    assert od.read_log(tmp_path / "straight.csv", GPS_ONLY).samples.counts == {"gps": 400}
 
 
 def test_duplicates_and_a_late_truth_are_told(tmp_path):
@@ -253,6 +296,21 @@ def test_a_dataflash_log_of_text_and_binary(tmp_path):
         require_mapped(od.read_log(tmp_path / name, GPS_ONLY, topics_file(tmp_path)))
 
 
+def test_an_integral_is_no_instance_of_a_message(tmp_path):
+    """The field I is a number of an instance in BARO, whole, and what a controller has integrated in PIDR, a fraction or none."""
+    lines = [
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
+        "FMT, 101, 15, PIDR, Qf, TimeUS,I",
+        "FMT, 102, 12, BARO, QB, TimeUS,I",
+    ]
+    lines += [f"PIDR, {k}, {value}" for k, value in enumerate(("0.5", "1.7", "nan", "-2.2"), 1)]
+    lines += [f"BARO, {k}, {k % 2}" for k in range(1, 5)]
+    (tmp_path / "flight.log").write_text("\n".join(lines) + "\n")
+    topics = od.read_recording(tmp_path / "flight.log").topics
+    assert {name: len(topic.t) for name, topic in topics.items()} == {"PIDR": 4, "BARO": 2, "BARO[1]": 2}
+    assert topics["PIDR"].fields["I"] == pytest.approx([0.5, 1.7, np.nan, -2.2], nan_ok=True)
+
+
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_bag_of_ros_as_rosbags_writes_it(version, tmp_path):
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -337,6 +395,18 @@ def test_a_table_of_others_by_a_map_with_two_wheels_and_several_anchors(tmp_path
         od.read_log(tmp_path / "robot.csv", SYSTEM, tmp_path / "map.toml")
 
 
+def test_a_sigma_is_in_the_unit_of_its_field(tmp_path):
+    rows = ["t,v,w,range_mm,std_mm", *(f"{k},1,0,{5000 + k},{50 + k}" for k in range(3))]
+    (tmp_path / "robot.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "map.toml").write_text(
+        '[inputs]\nspeed = { topic = "table", field = "v" }\nturn_rate = { topic = "table", field = "w" }\n'
+        '[sensors]\nbeacon_0 = { topic = "table", field = "range_mm", unit = "mm", factor = 2, offset = 1, sigma = "std_mm" }\n'
+    )
+    samples = od.read_log(tmp_path / "robot.csv", SYSTEM, tmp_path / "map.toml").samples
+    assert samples.y[:, 0] == pytest.approx([11.0, 11.002, 11.004])
+    assert samples.sigma == pytest.approx([0.1, 0.102, 0.104])
+
+
 def ranging_arrays():
     """The layout of recorded ranging runs."""
     random = np.random.default_rng(5)
@@ -361,6 +431,11 @@ def test_arrays_of_a_ranging_run(tmp_path):
     log = od.read_log(tmp_path / "run.npz", system)
     assert log.inputs.over(np.array([1.0, 2.0])) == pytest.approx(np.array([[2.0, 0.2]]))
     assert sum(log.samples.counts.values()) == 40
+    later = {name: arrays[name] + np.eye(1, arrays[name].shape[1]) * 1.7e9 for name in ("odom", "gt", "ranges")}
+    np.savez(tmp_path / "unix.npz", **{**arrays, **later})
+    unix = od.read_log(tmp_path / "unix.npz", system)
+    same(unix, log, tolerance=2e-6)
+    assert unix.epoch == 1.7e9
     for change, message in (
         ({"ranges": np.where(np.arange(4) == 2, 7, arrays["ranges"])}, r"array 'ranges', row 0, column 2: beacon 7 is not among"),
         (

@@ -79,7 +79,7 @@ def test_a_stretch_keeps_the_integrals_within_it(readings, a, b, random):
     times = np.linspace(first, last, 5)
     part = inputs.stretch(first, last)
     assert part.integrals(times) == pytest.approx(inputs.integrals(times), abs=1e-9)
-    assert part.t[-1] <= last
+    assert first <= part.t[0] and part.t[-1] <= last  # the log of the stretch begins with it, and so does the prior of a filter
 
 
 def test_truth_is_interpolated_where_it_is_known_and_angles_take_the_short_way():

@@ -139,6 +139,14 @@ def test_events_keep_every_sample_and_every_integral():
     assert np.unique(np.round(grid.lengths, 9)).tolist() == [0.0, 0.5]
 
 
+def test_samples_that_almost_coincide_stay_where_they_are_and_make_no_steps():
+    """Of three a microsecond apart half of the steps are of that length: a second between them is not cut by it."""
+    times = np.concatenate([np.arange(12.0) + late for late in (0.0, 1e-6, 2e-6)])
+    assert len(events_of(SYSTEM, log_of(times, np.repeat([0, 1, 2], 12))).lengths) <= 2 * (36 + len(PATH.t))
+    chain = np.array([1.0, 1.0 + 0.9e-9, 1.0 + 1.8e-9, 3.0])  # each no time at all after the one before
+    assert np.abs(events_of(SYSTEM, log_of(chain, np.array([0, 1, 2, 0]))).shifts).max() < 2e-9
+
+
 def test_a_log_moved_to_a_grid_says_by_how_much_and_counts_as_on_the_grid():
     random = np.random.default_rng(6)
     k, s = np.sort(random.choice(23, 15, replace=False)), random.integers(0, 3, 15)

@@ -2,12 +2,41 @@
 
 from __future__ import annotations
 
+from abc import ABC
+from dataclasses import dataclass
+
 import casadi as ca
 
 from obsdesign.estimation._motion import Motion
 from obsdesign.estimation._noise import NoiseGraph
 from obsdesign.estimation._samples import Outputs, SampleInnovations, Samples, mask_rows
-from obsdesign.estimation.abstract import BeliefGraph, Moved, Prediction
+from obsdesign.estimation._spread import root_graph
+from obsdesign.estimation.abstract import AbstractFilter, BeliefGraph, Moved, Prediction
+
+
+@dataclass(frozen=True)
+class AbstractLinearisedFilter(AbstractFilter, ABC):
+    """A filter that knows step and samples by their derivatives at the estimate."""
+
+    @property
+    def needs_roots(self) -> bool:
+        """False."""
+        return False
+
+    def innovations(self, samples: Samples, belief: BeliefGraph) -> SampleInnovations:
+        """Return y - h(m) and C P C' + R, C the derivative of h at the mean m."""
+        return linear_innovations(samples, belief)
+
+    def predict(self, motion: Motion, belief: BeliefGraph) -> Prediction:
+        """Return f(m) with columns S before and F S after, F the derivative of the step at the mean m."""
+        step, root = motion.linearise(belief.mean), root_graph(belief.spread)
+        return Prediction(step.X_next, root, step.F @ root, step.B, step.loop)
+
+    def move(self, motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
+        """Return f(m) and F P F' + Q."""
+        step = motion.linearise(belief.mean)
+        added = noise.at(belief.mean[: motion.model.x.numel(), :], step.B)
+        return Moved(BeliefGraph(step.X_next, belief.spread.through(step.F, added)), step.loop)
 
 
 def linear_innovations(samples: Samples, belief: BeliefGraph) -> SampleInnovations:
@@ -40,16 +69,3 @@ def sequential_update(
         gain, spread = spread.after_sample(C[i, :], variance)
         correction += gain * innovations[-1]
     return BeliefGraph(belief.mean + correction, spread), innovations, variances
-
-
-def linear_prediction(motion: Motion, belief: BeliefGraph, root: ca.SX) -> Prediction:
-    """Return f(m) with columns S before and F S after, F the derivative of the step at the mean m."""
-    step = motion.linearise(belief.mean)
-    return Prediction(step.X_next, root, step.F @ root, step.B, step.loop)
-
-
-def linear_move(motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
-    """Return f(m) and F P F' + Q."""
-    step = motion.linearise(belief.mean)
-    added = noise.at(belief.mean[: motion.model.x.numel(), :], step.B)
-    return Moved(BeliefGraph(step.X_next, belief.spread.through(step.F, added)), step.loop)

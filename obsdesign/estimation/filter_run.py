@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_tolerance
-from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.per_step import system_along
 from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.dynamics.simulation import as_inputs, as_lengths, inputs_along, times_of
@@ -112,27 +110,17 @@ def require_estimates(system: AbstractSystem, belief: Belief, t: np.ndarray) -> 
     raise InputError(f"the estimate of {name} or its variance is {values[k, i]} at t = {t[k]:g} s: the motion runs away from the samples")
 
 
-@dataclass(frozen=True, eq=False)
-class _SensorFlags:
-    """Whether something holds for any of the outputs of each sensor."""
-
-    owner: tuple[int, ...]
-    sensors: int
-
-    def of(self, flags: np.ndarray) -> np.ndarray:
-        """Return (N, S) for flags (N, q)."""
-        of_sensor = np.zeros((len(flags), self.sensors), dtype=bool)
-        for output, s in enumerate(self.owner):
-            of_sensor[:, s] |= flags[:, output]
-        return of_sensor
+def _any_output(model: Model, flags: np.ndarray) -> np.ndarray:
+    """Return whether something (N, q) holds for any of the outputs of each sensor (N, S)."""
+    of_sensor = [flags[:, list(outputs)].any(axis=1) for outputs in model.outputs_of.values()]
+    return np.array(of_sensor, dtype=bool).reshape(-1, len(flags)).T
 
 
 def estimate_of(system: AbstractSystem, t: np.ndarray, belief: Belief, reports: SampleReports, arrived: np.ndarray) -> Estimate:
     """Return the estimate at instants t (N+1,) of one run's beliefs and reports, arrived (N, S)."""
     model = system.model
-    sensors = _SensorFlags(model.output_owner, len(model.channels))
     is_usable, is_taken = reports.is_usable[:, 0], reports.is_taken[:, 0]
-    has_nis = sensors.of(is_usable)
+    has_nis = _any_output(model, is_usable)
     is_active = arrived[:, list(model.output_owner)]
     return Estimate(
         t,
@@ -142,9 +130,9 @@ def estimate_of(system: AbstractSystem, t: np.ndarray, belief: Belief, reports: 
         np.where(is_usable, np.sqrt(reports.variance[:, 0]), np.nan),
         np.where(has_nis, reports.nis[:, 0], np.nan),
         arrived,
-        sensors.of(is_usable & ~is_taken),
+        _any_output(model, is_usable & ~is_taken),
         reports.is_alarm[:, 0],
-        sensors.of(is_active & ~is_usable),
+        _any_output(model, is_active & ~is_usable),
         model.state_names,
         model.sensor_names,
     )

@@ -8,17 +8,14 @@ import casadi as ca
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
-from obsdesign.estimation._linear_update import linear_innovations, linear_move, linear_prediction, linear_update
-from obsdesign.estimation._motion import Motion
-from obsdesign.estimation._noise import NoiseGraph
-from obsdesign.estimation._samples import SampleInnovations, Samples
-from obsdesign.estimation._spread import root_graph
-from obsdesign.estimation.abstract import AbstractFilter, BeliefGraph, Moved, Prediction
+from obsdesign.estimation._linear_update import AbstractLinearisedFilter, linear_update
+from obsdesign.estimation._samples import Samples
+from obsdesign.estimation.abstract import BeliefGraph
 
 
 @validate_arguments
 @dataclass(frozen=True)
-class IteratedExtendedKalmanFilter(AbstractFilter):
+class IteratedExtendedKalmanFilter(AbstractLinearisedFilter):
     """Linearises the samples again where they have moved the estimate: m_j+1 = m + K_j (y - h(m_j) - C_j (m - m_j)), m_0 = m.
 
     Gauss-Newton for the most likely state, the least (x - m)' P^-1 (x - m) + (y - h(x))' R^-1 (y - h(x)): of use where a sample says
@@ -32,15 +29,6 @@ class IteratedExtendedKalmanFilter(AbstractFilter):
     def __post_init__(self) -> None:
         require_count("iterations", self.iterations)
 
-    @property
-    def needs_roots(self) -> bool:
-        """False."""
-        return False
-
-    def innovations(self, samples: Samples, belief: BeliefGraph) -> SampleInnovations:
-        """Return y - h(m), and C P C' + R."""
-        return linear_innovations(samples, belief)
-
     def update(self, samples: Samples, belief: BeliefGraph, is_taken: ca.SX) -> BeliefGraph:
         """Return the belief after the samples that are taken in (q, 1)."""
         updated = belief
@@ -49,11 +37,3 @@ class IteratedExtendedKalmanFilter(AbstractFilter):
             way_back = outputs.C @ (belief.mean - updated.mean)
             updated = linear_update(belief, outputs, samples.residual(outputs.expected) - way_back, is_taken)
         return updated
-
-    def predict(self, motion: Motion, belief: BeliefGraph) -> Prediction:
-        """Return f(m), and S and F S."""
-        return linear_prediction(motion, belief, root_graph(belief.spread))
-
-    def move(self, motion: Motion, belief: BeliefGraph, noise: NoiseGraph) -> Moved:
-        """Return f(m) and F P F' + Q."""
-        return linear_move(motion, belief, noise)

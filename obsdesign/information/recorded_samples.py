@@ -15,7 +15,7 @@ from obsdesign.dynamics.simulation import inputs_along, join_inputs, readings, s
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.correlated_noise import colour_of
-from obsdesign.logs.events import require_samples
+from obsdesign.logs.events import repeats, require_samples
 from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory, uneven_path_of
 
@@ -175,7 +175,7 @@ def _event_path(samples: RecordedSamples) -> EventPath:
     # rows: nodes first, then samples; at equal times nodes come first
     order = np.lexsort((samples.sensor, samples.offset, samples.step))
     step, offset, sensor = samples.step[order], samples.offset[order], samples.sensor[order]
-    rank = _repeats(step, offset, sensor)
+    rank = repeats(step, offset, sensor)
     instants, place = np.unique(np.column_stack([step, offset, rank]), axis=0, return_inverse=True)
     starts = np.column_stack([np.arange(path.steps), np.zeros((path.steps, 2))])
     every, index = np.unique(np.concatenate([starts, instants]), axis=0, return_inverse=True)
@@ -193,10 +193,3 @@ def _event_path(samples: RecordedSamples) -> EventPath:
     last = np.searchsorted(k[is_at_node], np.arange(path.steps), side="right") - 1
     nodes = np.append(np.flatnonzero(is_at_node)[last], len(k))
     return EventPath(event_path, weights, k, nodes)
-
-
-def _repeats(step: np.ndarray, offset: np.ndarray, sensor: np.ndarray) -> np.ndarray:
-    """Return the how many-th sample of its sensor at its time each one is (K,), from 0; sorted."""
-    is_new = np.append(True, (np.diff(step) != 0) | (np.diff(offset) != 0) | (np.diff(sensor) != 0))
-    starts = np.flatnonzero(is_new)
-    return np.arange(len(step)) - np.repeat(starts, np.diff(np.append(starts, len(step))))

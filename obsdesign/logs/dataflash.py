@@ -42,10 +42,13 @@ def _messages(reader: object) -> dict[str, list[dict[str, float]]]:
     """Return the numbers of all messages that have a time."""
     found: dict[str, list[dict[str, float]]] = defaultdict(list)
     while (message := reader.recv_msg()) is not None:  # pyright: ignore[reportAttributeAccessIssue]
-        row = {name: float(value) for name, value in message.to_dict().items() if isinstance(value, int | float)}
+        values = message.to_dict()
+        row = {name: float(value) for name, value in values.items() if isinstance(value, int | float)}
         if "TimeUS" in row:
-            instance = int(row.get("I", 0))
-            found[message.get_type() if not instance else f"{message.get_type()}[{instance}]"].append(row)
+            instance = values.get("I", 0)
+            # a fraction is no number of an instance but what a controller has integrated
+            is_first = not isinstance(instance, int) or instance == 0
+            found[message.get_type() if is_first else f"{message.get_type()}[{instance}]"].append(row)
     return dict(found)
 
 

@@ -14,7 +14,7 @@ from obsdesign.logs.log import Log
 from obsdesign.logs.samples import LogSamples
 
 _SAME_TIME = 1e-9  # seconds that are no time at all
-_MAX_LENGTHENING = 64.0  # a step is at most so many times as long as half of them are
+_MAX_LENGTHENING = 64.0  # a step is at most so many times as long as half of them are, or as long as they are on average
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class Events:
 def events_of(system: AbstractSystem, log: Log, step: float | None = None) -> Events:
     """Return the steps between all samples and readings of a log, or those of a grid.
 
-    Steps that are far longer than others are cut, so that none needs many sub-steps. The last step has no sample at its end: half
-    of the steps are as long as that one, or longer.
+    Steps that are far longer than others are cut, so that none needs many sub-steps; at most twice as many come of it. The last step
+    has no sample at its end: half of the steps are as long as that one, or longer.
 
     Arguments:
         system: vehicle and sensors; sensors that the log does not know have no samples.
@@ -70,7 +70,7 @@ def events_of(system: AbstractSystem, log: Log, step: float | None = None) -> Ev
     samples, model = require_samples(system, log), system.model
     first, last = log.span
     times = _event_times(log, samples) if step is None else _grid(first, last, step)
-    node = np.clip(np.searchsorted(times, samples.t - _tolerance(times)), 0, len(times) - 1)
+    node = np.searchsorted(times, samples.t + _tolerance(times), side="right") - 1
     if step is not None:
         node = np.clip(np.rint((samples.t - times[0]) / step).astype(int), 0, len(times) - 1)
     shifts = times[node] - samples.t
@@ -130,7 +130,9 @@ def _event_times(log: Log, samples: LogSamples) -> np.ndarray:
     lengths = np.diff(times)
     if not len(lengths):
         return times
-    pieces = np.ceil(lengths / (_MAX_LENGTHENING * np.median(lengths))).astype(int)
+    # no shorter than the mean: samples a microsecond apart would make millions of steps
+    longest = max(_MAX_LENGTHENING * np.median(lengths), np.mean(lengths))
+    pieces = np.ceil(lengths / longest).astype(int)
     if (pieces == 1).all():
         return times
     parts = [np.linspace(times[k], times[k + 1], pieces[k] + 1)[:-1] for k in range(len(lengths))]
@@ -146,13 +148,17 @@ def _grid(first: float, last: float, step: float) -> np.ndarray:
     return first + step * np.arange(int((last - first) / step + 0.5) + 1)
 
 
+def repeats(*columns: np.ndarray) -> np.ndarray:
+    """Return the how many-th of equal ones each row of sorted columns (K,) is (K,), from 0."""
+    is_new = np.append(True, (np.diff(np.stack(columns), axis=1) != 0).any(axis=0))
+    starts = np.flatnonzero(is_new)
+    return np.arange(len(is_new)) - np.repeat(starts, np.diff(np.append(starts, len(is_new))))
+
+
 def _own_instants(node: np.ndarray, sensor: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Return for each sample its instant (K,), and how many instants each node needs, so that no sensor has two samples on one."""
     order = np.lexsort((sensor, node))
-    key = np.stack([node[order], sensor[order]])
-    is_new = np.append(True, (np.diff(key, axis=1) != 0).any(axis=0))
-    starts = np.flatnonzero(is_new)
-    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.append(starts, len(order))))
+    rank = repeats(node[order], sensor[order])
     counts = np.ones(nodes, dtype=int)
     np.maximum.at(counts, node[order], rank + 1)
     instant = np.empty(len(order), dtype=int)

@@ -33,16 +33,8 @@ class LogInputs:
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", distinct_names("inputs", self.names))
         object.__setattr__(self, "increments", distinct_names("increments", self.increments))
-        t, u = (as_array(f"log: inputs {name}", getattr(self, name)) for name in ("t", "u"))
-        if t.ndim != 1 or u.shape != (len(t), len(self.names)):
-            raise InputError(f"log: inputs t {t.shape} and u {u.shape} do not fit: must be (M,) and (M, {len(self.names)})")
         require_known("log: increments: inputs", self.increments, self.names)
-        require_increasing("log: inputs", t)
-        if np.isinf(u).any():
-            row, column = (int(place) for place in np.argwhere(np.isinf(u))[0])
-            raise InputError(f"log: inputs u[{row}, {column}] ({self.names[column]}) is {u[row, column]}: must be finite, or nan for none")
-        for name, value in (("t", t), ("u", u)):
-            value.setflags(write=False)
+        for name, value in zip("tu", as_history("inputs", self.names, "tu", (self.t, self.u)), strict=True):
             object.__setattr__(self, name, value)
 
     def over(self, times: np.ndarray) -> np.ndarray:
@@ -62,17 +54,15 @@ class LogInputs:
         return integrals
 
     def stretch(self, first: float, last: float) -> LogInputs:
-        """Return the readings from one time to another [s], and those before that still hold there; of increments that part as well
-        which came together until the end. Integrals within that time stay what they are.
+        """Return the readings from one time to another [s], at the beginning those before that still hold there; of increments that
+        part as well which came together until the end. Integrals within that time stay what they are.
         """
-        inside = np.flatnonzero((self.t >= first) & (self.t <= last))
-        start = max(int(inside[0]) - 1, 0) if len(inside) else max(int(np.searchsorted(self.t, first)) - 1, 0)
-        end = int(inside[-1]) + 1 if len(inside) else start + 1
-        u = self.u[start:end].copy()
-        if len(u) and self.t[start] < first:
-            u[0] = [self._latest(i, start) for i in range(len(self.names))]
-        t = self.t[start:end]
-        if self.increments and end < len(self.t) and t[-1] < last:
+        start = max(int(np.searchsorted(self.t, first, side="right")) - 1, 0)
+        end = max(int(np.searchsorted(self.t, last, side="right")), start + 1)
+        t, u = self.t[start:end].copy(), self.u[start:end].copy()
+        if len(t) and t[0] <= first:
+            t[0], u[0] = first, [self._latest(i, start) for i in range(len(self.names))]
+        if self.increments and len(t) and t[-1] < last:
             t, u = np.append(t, last), np.vstack([u, np.full(u.shape[1], np.nan)])
         if self.increments and len(t) > 1:
             # between all rows, as the reading before the first may be far away
@@ -131,8 +121,26 @@ def distinct_names(what: str, names: Sequence[str]) -> tuple[str, ...]:
     return result
 
 
-def require_increasing(what: str, t: np.ndarray) -> None:
-    """Raise InputError unless times (M,) are finite and increase."""
+def as_history(what: str, names: tuple[str, ...], letters: str, given: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Return times (M,) and a column for each name (M, m), nan for no value, as arrays that nobody writes to.
+
+    letters: what the two are called. Raises InputError for shapes that do not fit, times that are not finite or do not increase, and
+    infinite values.
+    """
+    t, values = (as_array(f"log: {what} {letter}", value) for letter, value in zip(letters, given, strict=True))
+    if t.ndim != 1 or values.shape != (len(t), len(names)):
+        raise InputError(f"log: {what} t {t.shape} and {letters[1]} {values.shape} do not fit: must be (M,) and (M, {len(names)})")
+    _require_increasing(f"log: {what}", t)
+    if np.isinf(values).any():
+        row, column = (int(place) for place in np.argwhere(np.isinf(values))[0])
+        where = f"log: {what} {letters[1]}[{row}, {column}] ({names[column]})"
+        raise InputError(f"{where} is {values[row, column]}: must be finite, or nan for none")
+    for array in (t, values):
+        array.setflags(write=False)
+    return t, values
+
+
+def _require_increasing(what: str, t: np.ndarray) -> None:
     if not np.isfinite(t).all():
         row = int(np.argwhere(~np.isfinite(t))[0, 0])
         raise InputError(f"{what}: t[{row}] is {t[row]}: must be finite")

@@ -16,6 +16,8 @@ _FACTORS = {"thousandths or thousands": 1000.0, "degrees": 180 / np.pi}
 _NEAR = 1.6  # how far a ratio may be from a factor to be taken for it
 _MAX_ANGLE = 7.0  # no angle that wraps is larger [rad]
 _FEWEST = 8  # values that a comparison needs
+_NOISE = 5.0  # standard deviations within which readings are as they should be
+_ALIKE = 0.5  # cosine of the angle between two histories that have something to do with each other
 
 
 def require_plausible(file: Path, system: AbstractSystem, log: Log) -> None:
@@ -51,12 +53,16 @@ def _outputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
     for i, values in enumerate(log.truth.at(log.samples.t, angles).T):
         if log.truth.names[i] in model.state_names:
             states[:, model.state_names.index(log.truth.names[i])] = values
-    expected = readings(system, states[None]).y[0]
+    at_truth = readings(system, states[None])
+    expected, spread = at_truth.y[0], at_truth.spread[0]
     for place, name in enumerate(log.samples.names):
         outputs = model.outputs_of.get(name, ())
         for column, output in enumerate(outputs):
             chosen = (log.samples.sensor == place) & np.isfinite(expected[:, output])
-            if chosen.sum() >= _FEWEST and not model.outputs[output].is_angle:
+            if chosen.sum() < _FEWEST or model.outputs[output].is_angle:
+                continue
+            off = np.abs(log.samples.y[chosen, column] - expected[chosen, output])
+            if np.median(off / spread[chosen, output]) > _NOISE:
                 yield model.outputs[output].name, _ratio(log.samples.y[chosen, column], expected[chosen, output])
 
 
@@ -69,12 +75,18 @@ def _inputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
     values = truth.at(times, ("heading",))
     for name, needed in (("speed", ("x", "y")), ("turn_rate", ("heading",))):
         if name in log.inputs.names and set(needed) <= set(names):
-            moved = np.abs(log.inputs.integrals(times)[:, log.inputs.names.index(name)])
             changes = np.diff(values[:, [names.index(state) for state in needed]], axis=0)
-            size = np.linalg.norm(changes, axis=1)
+            moved, size = log.inputs.integrals(times)[:, log.inputs.names.index(name)], changes[:, 0]
+            if len(needed) > 1:  # of a way the length alone, of a turn the side as well
+                moved, size = np.abs(moved), np.linalg.norm(changes, axis=1)
             is_known = np.isfinite(size)
-            if is_known.sum() >= _FEWEST:
+            if is_known.sum() >= _FEWEST and _are_alike(moved[is_known], size[is_known]):
                 yield name, _ratio(moved[is_known], size[is_known], of_sums=True)
+
+
+def _are_alike(first: np.ndarray, second: np.ndarray) -> bool:
+    """Whether two histories go up and down together, or against each other: noise does not."""
+    return abs(float(first @ second)) > _ALIKE * float(np.linalg.norm(first) * np.linalg.norm(second))
 
 
 def _ratio(values: np.ndarray, expected: np.ndarray, of_sums: bool = False) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from obsdesign.errors import InputError
 from obsdesign.logs.inputs import LogInputs
 from obsdesign.logs.log import Log
 from obsdesign.logs.samples import LogSamples
+from obsdesign.logs.times import since_start
 from obsdesign.logs.truth import LogTruth
 
 TRUTH = "truth."  # what the names of true states begin with
@@ -43,9 +44,7 @@ class Series:
     def part(self, chosen: np.ndarray) -> Series:
         """Return the values that are chosen (K,), or stand at these places."""
         sigma = None if self.sigma is None else self.sigma[chosen]
-        return Series(
-            self.name, self.t[chosen], self.values[chosen], self.column, self.rows[chosen], self.row_word, sigma, self.is_increment
-        )
+        return replace(self, t=self.t[chosen], values=self.values[chosen], rows=self.rows[chosen], sigma=sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +56,15 @@ class FileContents:
     epoch: float | None = None
     notes: tuple[str, ...] = ()
 
+    @property
+    def since_start(self) -> FileContents:
+        """The same, with Unix times as seconds since the whole second before the first."""
+        times = since_start(np.concatenate([part.t for part in self.series])) if self.epoch is None and self.series else None
+        if times is None or times.epoch is None:
+            return self
+        series = tuple(replace(part, t=part.t - times.epoch) for part in self.series)
+        return FileContents(self.file, series, times.epoch, (*self.notes, times.note))
+
 
 def log_of(model: Model, contents: FileContents) -> Log:
     """Return the log of a file's series.
@@ -64,6 +72,7 @@ def log_of(model: Model, contents: FileContents) -> Log:
     Raises InputError, naming file, row and column, for names that are not the system's, inputs that are missing, one time with two
     values, values that are not finite, and samples of only some of a sensor's outputs.
     """
+    contents = contents.since_start
     file, notes = contents.file, list(contents.notes)
     _require_names(model, contents)
     series = [_without_repeats(file, _finite(file, part), notes) for part in contents.series]
@@ -98,9 +107,9 @@ def _finite(file: Path, series: Series) -> Series:
 
 def _without_repeats(file: Path, series: Series, notes: list[str]) -> Series:
     """Sort by time, and leave out what stands there twice to the last digit."""
-    order = np.argsort(series.t, kind="stable")
-    ordered = series.part(order)
-    is_same = np.append(False, (np.diff(ordered.t) == 0) & (np.diff(ordered.values, axis=0) == 0).all(axis=1))[: len(order)]
+    ordered = series.part(np.argsort(series.t, kind="stable"))
+    is_same = np.ones(len(ordered.t), dtype=bool)
+    is_same[np.unique(np.column_stack([ordered.t, ordered.values]), axis=0, return_index=True)[1]] = False
     if is_same.any():
         row = int(np.argmax(is_same))
         notes.append(
@@ -199,7 +208,23 @@ def _join_outputs(file: Path, name: str, parts: Sequence[Series]) -> Series:
             raise InputError(
                 f"{file}, column {part.column!r}: has no value at t = {missing[0]:.9g} s, where other outputs of {name!r} have one"
             )
-    sigmas = [part.sigma for part in parts if part.sigma is not None]
-    first = parts[0]
     values = np.column_stack([part.values[:, 0] for part in parts])
-    return Series(name, times, values, first.column, first.rows, first.row_word, sigmas[0] if sigmas else None)
+    return replace(parts[0], name=name, t=times, values=values, sigma=_common_sigma(file, parts))
+
+
+def _common_sigma(file: Path, parts: Sequence[Series]) -> np.ndarray | None:
+    """Return the standard deviation of each sample (K,), nan where no output has one; raise InputError where they differ."""
+    told = [(part, part.sigma) for part in parts if part.sigma is not None]
+    if not told:
+        return None
+    sigma = np.full(len(parts[0].t), np.nan)
+    for part, own in told:
+        differs = np.flatnonzero(np.isfinite(sigma) & np.isfinite(own) & (sigma != own))
+        if len(differs):
+            row = int(differs[0])
+            raise InputError(
+                f"{file}, {part.place(row)}: sigma is {own[row]:g}, where {told[0][0].place(row)} has {sigma[row]:g}: outputs of one sensor"
+                " have one"
+            )
+        sigma = np.where(np.isfinite(sigma), sigma, own)
+    return sigma

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from decimal import Decimal
 
 import numpy as np
 
@@ -48,7 +49,14 @@ def times_of_text(where: str, words: Sequence[str], rows: Sequence[int], unit: s
             numbers[i] = float(word) * factor
         else:
             raise InputError(f"{place}: {word!r} is no time: must be a number, as in the rows before")
-    return Times(numbers, epoch) if epoch is not None else since_start(numbers)
+    if epoch is not None:
+        return Times(numbers, epoch)
+    relative = since_start(numbers)
+    if relative.epoch is None or not np.isfinite(numbers).all():
+        return relative
+    # of the digits, as a double of Unix time has a fraction of a microsecond
+    scale, start = Decimal(repr(factor)), Decimal(relative.epoch)
+    return Times(np.array([float(Decimal(word) * scale - start) for word in words]), relative.epoch)
 
 
 def since_start(t: np.ndarray) -> Times:

@@ -137,7 +137,7 @@ def _series(
 ) -> list[Series]:
     picked = _pick(recording, topic_map, name, entry)
     place, is_increment = f"{topic_map.file}: {name}", bool(entry.get("increment", False))
-    values = _values(topic_map, name, entry, picked, origin)
+    values, sigma = _values(topic_map, name, entry, picked, origin), picked.sigma
     names = [name]
     if name == TRUTH + "position":
         names = [TRUTH + "x", TRUTH + "y"]
@@ -145,13 +145,16 @@ def _series(
     if not entry.get("geodetic") and names[0] in signals:
         signal = signals[names[0]]
         unit = signal.unit.removesuffix("/s") if is_increment else signal.unit
-        values = values * factor_of(place, Signal(name, unit, signal.is_angle), str(entry.get("unit", "")))
-    values = values * float(entry.get("factor", 1.0)) + float(entry.get("offset", 0.0))
+        scale = factor_of(place, Signal(name, unit, signal.is_angle), str(entry.get("unit", ""))) * float(entry.get("factor", 1.0))
+        values, sigma = values * scale, None if sigma is None else sigma * abs(scale)
+    else:
+        values = values * float(entry.get("factor", 1.0))
+    values = values + float(entry.get("offset", 0.0))
     if entry.get("compass"):  # clockwise from north -> counter-clockwise from east
         values = np.pi / 2 - values
     parts = [values] if len(names) == 1 else [values[:, [i]] for i in range(len(names))]
     return [
-        Series(part_name, picked.t, part, picked.where, picked.rows, recording.row_word, picked.sigma, is_increment)
+        Series(part_name, picked.t, part, picked.where, picked.rows, recording.row_word, sigma, is_increment)
         for part_name, part in zip(names, parts, strict=True)
     ]
 

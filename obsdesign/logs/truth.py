@@ -8,9 +8,7 @@ import numpy as np
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
-from obsdesign.checks import as_array
-from obsdesign.errors import InputError
-from obsdesign.logs.inputs import distinct_names, require_increasing
+from obsdesign.logs.inputs import as_history, distinct_names
 
 
 @validate_arguments
@@ -30,15 +28,7 @@ class LogTruth:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", distinct_names("truth", self.names))
-        t, x = (as_array(f"log: truth {name}", getattr(self, name)) for name in ("t", "x"))
-        if t.ndim != 1 or x.shape != (len(t), len(self.names)):
-            raise InputError(f"log: truth t {t.shape} and x {x.shape} do not fit: must be (L,) and (L, {len(self.names)})")
-        require_increasing("log: truth", t)
-        if np.isinf(x).any():
-            row, column = (int(place) for place in np.argwhere(np.isinf(x))[0])
-            raise InputError(f"log: truth x[{row}, {column}] ({self.names[column]}) is {x[row, column]}: must be finite, or nan for none")
-        for name, value in (("t", t), ("x", x)):
-            value.setflags(write=False)
+        for name, value in zip("tx", as_history("truth", self.names, "tx", (self.t, self.x)), strict=True):
             object.__setattr__(self, name, value)
 
     def at(self, times: np.ndarray, angles: tuple[str, ...] = (), max_gap: float = np.inf) -> np.ndarray:

@@ -91,13 +91,6 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
         # a power, not sqrt: the verdicts know how to square it away
         return self.square_distance(state) ** 0.5
 
-    def direction(self, state: Mapping[str, ca.SX]) -> ca.SX:
-        """Return the beacon's direction off the nose, atan2(north, east) - heading [rad]."""
-        import casadi as ca
-
-        east, north = self.offset(state)
-        return ca.atan2(north, east) - state["heading"]
-
     def spread_with(self, sigma: float, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return sqrt(sigma^2 + (sigma_per_metre r)^2)."""
         import casadi as ca
@@ -119,6 +112,31 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
             ahead = east * ca.cos(nose) + north * ca.sin(nose)
             share *= _smooth_gate(ahead / (east * east + north * north) ** 0.5 - ca.cos(self.field_of_view / 2))
         return share
+
+
+@dataclass(frozen=True, kw_only=True)
+class AbstractDirectionSensor(AbstractBeaconSensor, ABC):
+    """A sensor that tells the direction of a beacon off its own nose."""
+
+    mounting_angle: float = 0.0
+    """How far the sensor's nose is turned from the vehicle's [rad], counter-clockwise."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_finite(f"{self.name}: mounting_angle", self.mounting_angle)
+
+    @property
+    def nose(self) -> float:
+        """The mounting angle."""
+        return self.mounting_angle
+
+    def direction(self, state: Mapping[str, ca.SX]) -> ca.SX:
+        """Return atan2(beacon - sensor) - heading - mounting_angle [rad]."""
+        import casadi as ca
+
+        east, north = self.offset(state)
+        direction = ca.atan2(north, east) - state["heading"]
+        return direction - self.mounting_angle if self.mounting_angle else direction
 
 
 def _smooth_gate(margin: ca.SX) -> ca.SX:

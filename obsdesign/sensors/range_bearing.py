@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_finite, require_positive
-from obsdesign.sensors._beacon import AbstractBeaconSensor
+from obsdesign.checks import require_positive
+from obsdesign.sensors._beacon import AbstractDirectionSensor
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
-class RangeBearing(AbstractBeaconSensor):
+class RangeBearing(AbstractDirectionSensor):
     """A lidar's or camera's landmark: h = (|beacon - sensor|, atan2(beacon - sensor) - heading - mounting_angle) [m, rad].
 
     One sensor with two outputs, on and off and arriving together; sigma and sigma_per_metre are those of the distance.
@@ -26,24 +26,16 @@ class RangeBearing(AbstractBeaconSensor):
 
     bearing_sigma: float
     """Standard deviation of one sample of the direction [rad]; > 0."""
-    mounting_angle: float = 0.0
-    """How far the sensor's nose is turned from the vehicle's [rad], counter-clockwise."""
     name: str = "range_bearing"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_positive(f"{self.name}: bearing_sigma", self.bearing_sigma)
-        require_finite(f"{self.name}: mounting_angle", self.mounting_angle)
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
         """A distance [m] and an angle [rad], wrapped."""
         return (Signal(f"{self.name}_distance", "m"), Signal(f"{self.name}_angle", "rad", is_angle=True))
-
-    @property
-    def nose(self) -> float:
-        """The mounting angle."""
-        return self.mounting_angle
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return (sqrt(sigma^2 + (sigma_per_metre r)^2), bearing_sigma)."""
@@ -53,4 +45,4 @@ class RangeBearing(AbstractBeaconSensor):
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return the distance, and atan2(beacon - sensor) - heading - mounting_angle."""
-        return (self.distance(state), self.direction(state) - self.mounting_angle)
+        return (self.distance(state), self.direction(state))
