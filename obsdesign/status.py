@@ -22,6 +22,8 @@ class Status(Enum):
     """The search had no more iterations."""
     TIME_LIMIT = "stopped at the time limit"
     """The search had no more time."""
+    ABANDONED = "abandoned, as it crept below what another start had come to"
+    """The search was no longer worth its time."""
     NUMERICAL_ERROR = "stopped by a numerical error"
     """The arithmetic gave no number to go on with."""
 

@@ -113,13 +113,13 @@ def _build_design(problem: DesignProblem, attempt: _Attempt, starts: tuple[Start
         eigenvalues=(float(eigenvalues[0]), float(eigenvalues[min(1, len(eigenvalues) - 1)])),
         residual=start.residual,
         iterations=start.iterations,
-        optima=_optima(starts),
+        optima=distinct_optima(starts),
         robustness=_robustness(problem, path),
     )
 
 
-def _optima(starts: Sequence[Start]) -> tuple[Optimum, ...]:
-    """The distinct values of the refined starts, best first."""
+def distinct_optima(starts: Sequence[Start]) -> tuple[Optimum, ...]:
+    """Return the distinct values of the refined starts, best first."""
     optima: list[Optimum] = []
     for start in sorted(
         (candidate for candidate in starts if candidate.status.has_answer and candidate.refined), key=lambda candidate: -candidate.value

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -16,28 +16,23 @@ from obsdesign.analysis.verdict import UnobservableError
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count
 from obsdesign.design.best_design import choose_best
+from obsdesign.design.climbs import climb, usable_starts
 from obsdesign.design.dual_estimate import evidence_for
 from obsdesign.design.feasibility import is_feasible
 from obsdesign.design.feasible_search import FeasibilitySearch, search_feasible_path
+from obsdesign.design.gap_search import GapSettings, search_to_gap
 from obsdesign.design.infeasibility import explain, why_hidden, why_unreachable
-from obsdesign.design.initial_guesses import start_inputs
-from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
-from obsdesign.design.nlp.criterion_objective import matrix_objective_of
-from obsdesign.design.nlp.program import Program
+from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locally
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design, Start
-from obsdesign.design.sqp.matrix_objective import evaluate_objective
 from obsdesign.design.upper_bound import cap_of
-from obsdesign.errors import SolveError
-from obsdesign.paths.abstract import AbstractPath
+from obsdesign.errors import InputError, SolveError
 from obsdesign.paths.dubins_path import DubinsPath
 from obsdesign.progress import Progress, StageReport
 from obsdesign.status import Status
 
 _LOGGER = getLogger(__name__)
-_MAX_SKIPPED = 20  # starts without a value that are left out; after so many the others are tried all the same
-_FIRST, _ON_FLOORS = 3, 6  # with a floor: climbs that must not all end without an answer, and starts that a path is looked for from then
-_NEAR_BEST, _MAX_REFINED = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
+_ON_FLOORS = 6  # with a floor: starts that a path is looked for from where no climb has an answer
 
 
 @validate_arguments
@@ -49,6 +44,7 @@ def design_trajectory(
     throw: bool = True,
     evidence: int = 0,
     *,
+    gap: float | None = None,
     progress: Progress | None = None,
 ) -> Design:
     """Return the best of several locally optimal paths, every claim recomputed from the path itself.
@@ -64,12 +60,17 @@ def design_trajectory(
         executor: runs the local solves, one task each; the answer is the same for any number of workers.
         throw: False = return the failed Design instead of raising SolveError.
         evidence: number of local solves that ask how much better another path might be; 0 = none.
+        gap: go on from more starts, of which some are rounded from the relaxation behind `bound`, until `design.gap` is at most this, or
+            8 times `starts` were climbed from: work, not seconds, so that the answer is the same on every machine. `design.search` has how
+            it ended. None = from `starts`.
         progress: is called with what is being done, as it begins; None = nobody is told.
     Raises UnobservableError, and SolveError when no start ends in an answer. Source of the aim: Brace and Morgansen.
     """
     require_count("starts", starts)
     require_count("seed", seed, minimum=0)
     require_count("evidence", evidence, minimum=0)
+    if gap is not None and not 0 <= gap < 1:
+        raise InputError(f"gap: is {gap:g}: must be at least 0 and less than 1")
     report = StageReport(_LOGGER, progress)
     report("what the sensors can see on any path")
     verdict = observability(problem.system, seed=seed)
@@ -80,7 +81,7 @@ def design_trajectory(
     if unreachable:
         design = Design(problem, None, None, np.nan, Status.INFEASIBLE, (), reason=unreachable)
     else:
-        design = _best_duration(problem, starts, seed, executor, report)
+        design = _design(problem, starts, seed, gap, executor, report)
         if evidence and design.ended.has_answer:
             report(f"{evidence} local solves about how much better another path might be")
             design = evidence_for(design, evidence, seed, executor)
@@ -90,6 +91,18 @@ def design_trajectory(
             f"trajectory design, all {len(design.starts)} starts" if design.starts else "trajectory design", design.ended, design.reason
         )
     return design
+
+
+def _design(problem: DesignProblem, starts: int, seed: int, gap: float | None, executor: Executor | None, report: StageReport) -> Design:
+    """Design from so many starts, or to a gap: then, with a duration that is free, for the one that is best from so many starts."""
+    if gap is None:
+        return _best_duration(problem, starts, seed, executor, report)
+    settings = GapSettings(gap, starts, seed, executor)
+    design = search_to_gap(problem, settings, report) if problem.shortest == problem.longest else None
+    if design is not None:
+        return design
+    design = _best_duration(problem, starts, seed, executor, report)
+    return (search_to_gap(design.problem, settings, report, design) or design) if design.ended.has_answer else design
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,9 +165,7 @@ def _design_for_duration(
 
     Before anything climbs, a path that keeps all limits is looked for: where many starts lead to none, no climb will.
     """
-    apply = map if executor is None else executor.map
-    families = families_of(problem.path)
-    start_pairs = list(islice(_usable_starts(problem, seed), starts))
+    start_pairs = list(islice(usable_starts(problem, seed), starts))
     if near is not None and near.trajectory is not None:
         start_pairs = [("that of another duration", _stretch(near.trajectory.u, problem.steps)), *start_pairs[: max(1, starts // 2)]]
     search = None
@@ -164,17 +175,8 @@ def _design_for_duration(
         if not search.is_feasible:
             failed_starts = tuple(Start(name, Status.LOCALLY_INFEASIBLE, np.nan, 0, np.nan) for name, _ in start_pairs)
             return _DesignAttempt(Design(problem, None, None, np.nan, Status.LOCALLY_INFEASIBLE, failed_starts, cap_of(problem)), search)
-    tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1) for name, u in start_pairs]
-    report(f"{problem.duration:g} s: {len(tasks)} local solves{' of a coarse family' if len(families) > 1 else ''}")
-    first = len(tasks) if problem.floor is None else _FIRST
-    coarse = list(apply(solve_locally, tasks[:first]))
-    if any(solution.status.has_answer for solution in coarse):
-        coarse += apply(solve_locally, tasks[first:])
-    for solution in coarse:
-        _LOGGER.debug("%s: %s, objective %g, %d iterations", solution.name, solution.status.value, solution.objective, solution.iterations)
-    if len(families) > 1:
-        report(f"{problem.duration:g} s: the best of them refined")
-    refined = coarse if len(families) == 1 else _refine(problem, families, coarse, executor)
+    climbs = climb(problem, start_pairs, executor, report)
+    coarse, refined = climbs.coarse, climbs.refined
     if any(solution.status.has_answer and is_feasible(problem, solution.path) for solution in refined):
         return _DesignAttempt(choose_best(problem, coarse, refined))
     if search is None:
@@ -199,58 +201,5 @@ def _solve_from_feasible(
     return choose_best(problem, [*coarse, solution], [*refined, solution], search)
 
 
-def _refine(
-    problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[LocalSolution], executor: Executor | None
-) -> list[LocalSolution]:
-    """Climb on from the best of the coarse paths through the finer families."""
-    apply = map if executor is None else executor.map
-    selected = _best_distinct(coarse)
-    solutions = apply(
-        solve_locally, [LocalSolve(problem, coarse_solution.name, coarse_solution.u, families[1:], True) for coarse_solution in selected]
-    )
-    return [
-        replace(solution, iterations=solution.iterations + coarse_solution.iterations)
-        for solution, coarse_solution in zip(solutions, selected, strict=True)
-    ]
-
-
 def _stretch(u: np.ndarray, steps: int) -> np.ndarray:
     return u[np.minimum(np.arange(steps) * len(u) // steps, len(u) - 1)]
-
-
-def _usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and inputs of starts whose information is not singular, for criteria that do not exist there.
-
-    A weave that the path family is too coarse for averages out to a straight line, for instance. After twenty singular ones,
-    whatever comes is used.
-    """
-    skipped, coarsest = 0, replace(problem, path=families_of(problem.path)[0])
-    objective = matrix_objective_of(problem)
-    for name, u in start_inputs(problem, seed):
-        program = Program(coarsest)
-        values = program.evaluate(coarsest.path.fit(u, coarsest.grid))
-        if objective.is_cone or np.isfinite(evaluate_objective(objective, values.matrices)) or skipped >= _MAX_SKIPPED:
-            yield name, u
-        else:
-            skipped += 1
-
-
-def _best_distinct(coarse: Sequence[LocalSolution]) -> list[LocalSolution]:
-    """Return the best few distinct coarse optima; where none is feasible, the first few as they are."""
-    successful = sorted((solution for solution in coarse if solution.status.has_answer), key=lambda solution: -solution.objective)
-    if not successful:
-        return list(coarse[:_MAX_REFINED])
-    selected: list[LocalSolution] = []
-    for candidate in successful:
-        is_near_best = candidate.objective >= successful[0].objective - (1 - _NEAR_BEST) * abs(successful[0].objective)
-        if (
-            is_near_best
-            and len(selected) < _MAX_REFINED
-            and not any(_is_same_value(candidate.objective, earlier.objective) for earlier in selected)
-        ):
-            selected.append(candidate)
-    return selected
-
-
-def _is_same_value(a: float, b: float) -> bool:
-    return abs(a - b) <= 1e-4 * max(abs(a), abs(b))

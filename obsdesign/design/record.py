@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from obsdesign.design.upper_bound import Cap
 
 _CLOSED = 1e-4  # gap at which a path counts as the best there is
+_ROUNDING = 1e-9  # relative difference of value and bound that may be rounding: a gap of 0
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,34 @@ class Evidence(AbstractDisplay):
         )
 
 
+def gap_between(value: float, bound: float) -> float:
+    """Return 1 - value / bound, value / bound - 1 of a bound below 0; 0 where they differ by rounding, NaN without a bound."""
+    ratio = value / bound if np.isfinite(bound) and bound else float("nan")
+    gap = ratio - 1 if bound < 0 else 1 - ratio
+    return 0.0 if abs(gap) <= _ROUNDING else gap
+
+
+@dataclass(frozen=True, eq=False)
+class GapSearch:
+    """A search that went on from ever more starts until its gap was small enough, or its limit of starts was reached."""
+
+    gap: float
+    """The gap that was asked for."""
+    limit: int
+    """How many starts it was allowed."""
+    proof: PathBound
+    """The bound that it measured its gap against."""
+
+    def in_words(self, design: Design) -> str:
+        """Return how the search for a design ended, as a sentence without a full stop."""
+        wanted = f"a gap of {self.gap:.3%} at most was asked for"
+        if not np.isfinite(design.bound):
+            return f"{wanted}, which nothing proves without a bound"
+        if design.gap <= self.gap:
+            return f"{wanted} and is reached after {len(design.starts)} starts"
+        return f"{wanted}, and {len(design.starts)} starts, the limit of work, came to {design.gap:.3%}"
+
+
 @dataclass(frozen=True, eq=False)
 class Design(AbstractDisplay):
     """The best path found for a problem.
@@ -132,6 +161,8 @@ class Design(AbstractDisplay):
     """The limits that stood in the way."""
     reason: str = ""
     """Why there is no answer, in words; "" where there is one."""
+    search: GapSearch | None = None
+    """How long it was searched, where a gap was asked for."""
 
     def _summary(self) -> Summary:
         problem, path = self.problem, self.trajectory
@@ -149,6 +180,8 @@ class Design(AbstractDisplay):
             deviations = zip(problem.system.model.states, self.information.std, strict=True)
             rows.append(("bound at the start", ", ".join(f"{state.name} {number(std, state.unit)}" for state, std in deviations)))
         rows.append(("starts", f"{len(self.starts)}, {self.iterations} iterations, {number(self.seconds, 's')}"))
+        if self.search is not None:
+            rows.append(("search", self.search.in_words(self)))
         if self.reason:
             rows.append(("reason", self.reason))
         picture = "" if path is None else state_picture(path.x)
@@ -159,6 +192,8 @@ class Design(AbstractDisplay):
         """What proves `bound`, computed when first asked for: a fraction of a second, seconds for more than 100 pieces."""
         from obsdesign.design.path_bound.proof import path_bound_of
 
+        if self.search is not None:
+            return self.search.proof
         return path_bound_of(self.problem, self.value)
 
     @property
@@ -169,8 +204,7 @@ class Design(AbstractDisplay):
     @property
     def gap(self) -> float:
         """How far the value may be below the best there is: 1 - value / bound, or value / bound - 1 below 0; NaN without a bound."""
-        ratio = self.value / self.bound if np.isfinite(self.bound) and self.bound else float("nan")
-        return ratio - 1 if self.bound < 0 else 1 - ratio
+        return gap_between(self.value, self.bound)
 
     @property
     def status(self) -> Status:

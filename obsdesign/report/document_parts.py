@@ -147,6 +147,14 @@ class PathBoundPart(DocumentPart):
     certificate: PathCertificatePart | None
 
 
+class GapSearchPart(DocumentPart):
+    """A search that went on until its gap was small enough, or its limit of starts was reached."""
+
+    gap: float = Field(description="that was asked for")
+    limit: int = Field(description="how many starts were allowed")
+    in_words: str = Field(description="how it ended")
+
+
 class DesignPart(DocumentPart):
     """The path designed for a suite of sensors."""
 
@@ -164,4 +172,5 @@ class DesignPart(DocumentPart):
     optima: list[OptimumPart] = Field(description="distinct ones among the refined starts, best first")
     robustness: RobustnessPart | None
     evidence: EvidencePart | None
+    search: GapSearchPart | None = Field(description="null: no gap was asked for")
     starts: list[StartPart]

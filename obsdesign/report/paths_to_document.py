@@ -13,6 +13,7 @@ from obsdesign.report.document_parts import (
     ContributionPart,
     DesignPart,
     EvidencePart,
+    GapSearchPart,
     OptimumPart,
     PathBoundPart,
     PathCertificatePart,
@@ -32,7 +33,7 @@ def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
 
 def design_part(design: Design) -> DesignPart:
     """Return the part of a design."""
-    cap, robustness, evidence = design.cap, design.robustness, design.evidence
+    cap, robustness, evidence, search = design.cap, design.robustness, design.evidence, design.search
     return DesignPart(
         status=design.status.name,
         value=design.value,
@@ -48,6 +49,7 @@ def design_part(design: Design) -> DesignPart:
         optima=[OptimumPart(value=optimum.value, starts=list(optimum.starts)) for optimum in design.optima],
         robustness=None if robustness is None else RobustnessPart(**asdict(robustness)),
         evidence=None if evidence is None else _evidence(evidence),
+        search=None if search is None else GapSearchPart(gap=search.gap, limit=search.limit, in_words=search.in_words(design)),
         starts=[_start(start) for start in design.starts],
     )
 

@@ -157,6 +157,9 @@ class DesignTable(_ScenarioTable):
     )
     about: tuple[str, ...] = Field(default=(), description="the states that are judged while the others are found as well; default: all")
     starts: int = Field(default=8, ge=1)
+    gap: float | None = Field(
+        default=None, ge=0, lt=1, description="starts go on until the path is this near to its bound, 8 times `starts` at most"
+    )
     evidence: int = Field(default=0, ge=0, description="climbs that ask how much better another path might be")
     shortest: float | None = Field(default=None, gt=0, description="the path may be as short as this [s]; default: time.duration")
     suites: tuple[tuple[str, ...], ...] = Field(default=(), description="sensor suites to report beside all sensors")

@@ -55,7 +55,7 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     design = scenario.design
     stage("analyse", f"How? {design.starts} starts for each of {len(problems)} suites, and the best weave")
     designs = tuple(
-        design_trajectory(problem, design.starts, seed, executor, evidence=design.evidence, progress=stage.report.within)
+        design_trajectory(problem, design.starts, seed, executor, evidence=design.evidence, gap=design.gap, progress=stage.report.within)
         for problem in problems
     )
     weave, candidates = candidates_of(scenario, designs)

@@ -29,7 +29,7 @@ def design_paths(scenario: Scenario, seed: int, executor: Executor | None, progr
     settings = scenario.design
     return {
         suite: design_trajectory(
-            problem_of(scenario, suite), settings.starts, seed, executor, evidence=settings.evidence, progress=progress
+            problem_of(scenario, suite), settings.starts, seed, executor, evidence=settings.evidence, gap=settings.gap, progress=progress
         )
         for suite in suites_of(scenario)
     }
@@ -42,7 +42,7 @@ def path_to_validate(scenario: Scenario, seed: int, executor: Executor | None, p
         return next(iter(scenario_paths(scenario).items()))
     settings = scenario.design
     problem = problem_of(scenario, scenario.sensor_names)
-    design = design_trajectory(problem, settings.starts, seed, executor, progress=progress)
+    design = design_trajectory(problem, settings.starts, seed, executor, gap=settings.gap, progress=progress)
     if design.trajectory is None:
         raise InputError(f"no path to validate: {design.status.value}")
     return "designed", design.trajectory

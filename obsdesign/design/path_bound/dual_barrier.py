@@ -8,10 +8,12 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
 
 from obsdesign.design.path_bound.relaxation import GramRelaxation, Threshold
+from obsdesign.errors import InputError
 
 _SHRINK, _NEWTON_STEPS, _STAGES = 0.2, 100, 40  # of the barrier; Newton steps at one size of it; sizes
 _CENTRED = 0.3  # Newton decrement at which the barrier shrinks
 _TURNS, _ROUGH, _SETTLED = 12, 3e-3, 0.02  # levels in turns; tolerance of those before the last; relative change at which the next is last
+_NEARER, _PROMISE = 0.1, 0.5  # share of the way to the top that the next guess keeps; of what a level lies above it, where another is tried
 _ABSOLUTE = 1e-5  # times the form's norm: below it |y| is round
 _DOMINANT = 100.0  # times the form's norm: where multipliers of headings and ends begin at least; small ones stall
 
@@ -88,11 +90,14 @@ def least_level(relaxation: GramRelaxation, guess: float, tolerance: float) -> D
     each for the K of the one before: near the end their error is squared from one to the next.
     """
     top, count, best = relaxation.form.largest_level, 0, None
-    is_settled = False
+    is_settled, failures = False, list[tuple[float, float]]()
     for _ in range(_TURNS):
         proof = _least_level_for(relaxation, guess, tolerance if is_settled else max(tolerance, _ROUGH))
         if proof is None or proof.level >= top:
-            guess /= 2
+            failures.append((guess, np.inf if proof is None else proof.level))
+            guess = _other_guess(failures, top)
+            if not guess:
+                break
             continue
         count += proof.newton_steps
         best = replace(proof, newton_steps=count)
@@ -100,6 +105,24 @@ def least_level(relaxation: GramRelaxation, guess: float, tolerance: float) -> D
             break
         is_settled, guess = abs(proof.level - guess) <= _SETTLED * guess, proof.level
     return best
+
+
+def _other_guess(failures: list[tuple[float, float]], top: float) -> float:
+    """Return where to look after guesses whose levels were none below what no path changes, 0 where nothing is to be hoped for.
+
+    The level is least for the K of its own guess and grows to both sides: a guess nearer to the top comes to less, or the level lies
+    below the first.
+    """
+    first, guess = failures[0], failures[-1][0]
+    nearer = top - _NEARER * (top - guess)
+    if not np.isfinite(top) or (len(failures) > 1 and guess < first[0]):
+        return guess / 2
+    if len(failures) == 1:
+        return nearer
+    before, after = failures[-2][1], failures[-1][1]
+    if after < before:
+        return nearer if after - top < _PROMISE * (before - top) else 0.0
+    return first[0] / 2 if len(failures) == 2 else 0.0
 
 
 def _least_level_for(relaxation: GramRelaxation, guess: float, tolerance: float) -> DualPoint | None:
@@ -116,6 +139,8 @@ def _least_level_for(relaxation: GramRelaxation, guess: float, tolerance: float)
         count += steps
         if mu * cones < tolerance * v[0] or barrier.factor(v) is None:
             break
+        if v[0] < 0:
+            raise InputError("no path keeps the limits, as far as the relaxation tells")  # a sum of squares would be below 0
         mu *= _SHRINK
     return None if barrier.factor(v) is None else DualPoint(float(v[0] * size), share, v[1:] * size, count)
 

@@ -27,6 +27,10 @@ class GramConstraints:
     is_two_sided: np.ndarray
     largest_trace: float
 
+    def admissible(self, multipliers: np.ndarray) -> np.ndarray:
+        """Return multipliers (m,) that are not below 0 where a constraint is one-sided."""
+        return np.where(self.is_two_sided, multipliers, np.maximum(multipliers, 0.0))
+
 
 @dataclass
 class _Rows:

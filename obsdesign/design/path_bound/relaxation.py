@@ -101,10 +101,8 @@ class GramRelaxation:
         set_up, form = self.constraints, self.form
         if not (0 < level < form.largest_level * (1 - 1e-9) and 0 < share < 1 and np.isfinite(multipliers).all()):
             return False
-        y = np.where(set_up.is_two_sided, multipliers, np.maximum(multipliers, 0.0))
-        K = self.gain(level)
+        y, K, R = set_up.admissible(multipliers), self.gain(level), self.slack_matrix(level, multipliers)
         combined = set_up.coefficients.T @ y
-        R = (set_up.U * combined) @ set_up.U.T - form.matrix(K) + level * form.explained(K)
         size = np.abs(set_up.coefficients).T @ np.abs(y)
         absolute = np.linalg.norm((np.abs(set_up.U) * size) @ np.abs(set_up.U).T)
         margin = form.rounding(K, level) + 4 * (len(y) + len(combined)) * EPS * float(absolute) + self._gain_error(K) * level
@@ -115,6 +113,12 @@ class GramRelaxation:
         bound = fsum(terms) + 4 * EPS * fsum(map(abs, terms))
         limit = self.threshold(share)
         return bool(bound < limit.at(level) - 8 * EPS * (abs(limit.slope * level) + abs(limit.offset)))
+
+    def slack_matrix(self, level: float, multipliers: np.ndarray) -> np.ndarray:
+        """Return R = sum y_i A_i - F + level E (d, d)."""
+        set_up, form, K = self.constraints, self.form, self.gain(level)
+        combined = set_up.coefficients.T @ set_up.admissible(multipliers)
+        return (set_up.U * combined) @ set_up.U.T - form.matrix(K) + level * form.explained(K)
 
     def _gain_error(self, K: np.ndarray) -> float:
         """How far |K z|^2 may be from exact in norm where it has to be that of the exact K: by the rest of M K = X' rows."""

@@ -24,16 +24,21 @@ MAX_ITERATIONS = 150  # work, not seconds, decides when a solve is given up
 TOLERANCE = 1e-8  # reduction that a model must predict, in units of the merit
 _MAX_RADIUS, _MIN_RADIUS = 1.0, 1e-9  # of the trust region, in widths of the box
 _STATIONARITY_TOLERANCE, _VIOLATION_TOLERANCE = 1e-6, 1e-6
+_PACE, _AHEAD = 8, 5.0  # iterations over which the pace of a climb is taken, and how many times as many it is granted at that pace
 _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
 
 
 @dataclass(frozen=True, eq=False)
 class StoppingCriteria:
-    """When a solve ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one."""
+    """When a solve ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one.
+
+    least: objective below which an answer is worth nothing: what would not come to it at five times the gain of its last 8 iterations ends.
+    """
 
     iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
     deadline: float = float("inf")
+    least: float = float("-inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +90,7 @@ def solve(
     state, status, iterations = initial_state(merit_function, p, warm_start), Status.ITERATION_LIMIT, 0
     if not np.isfinite(state.iterate.merit):
         return _solution(merit_function, state, Status.NUMERICAL_ERROR, 0)
+    objectives: list[float] = []
     while iterations < stopping.iterations:
         if perf_counter() >= stopping.deadline:
             status = Status.TIME_LIMIT
@@ -99,6 +105,10 @@ def solve(
                 state = raise_penalty(merit_function, state)
                 continue
             status = _final_status(merit_function, outcome, stopping.tolerance)
+            break
+        objectives.append(iterate.objective_value - iterate.evaluation.price)
+        if _is_hopeless(objectives, stopping.least):
+            status = Status.ABANDONED
             break
         state = update_scaling(merit_function, state)
     return _solution(merit_function, state, status, iterations)
@@ -146,6 +156,11 @@ def _next_radius(radius: float, step_length: float, reduction_ratio: float) -> f
 
 
 # ---------------------------------------------------------------- the end
+
+
+def _is_hopeless(objectives: list[float], least: float) -> bool:
+    """Whether objectives of one iterate after the other, at five times the gain of the last 8, stay below the least that is worth it."""
+    return len(objectives) > _PACE and objectives[-1] + _AHEAD * max(0.0, objectives[-1] - objectives[-1 - _PACE]) < least
 
 
 def _final_status(merit_function: MeritFunction, outcome: _StepOutcome, tolerance: float) -> Status:

@@ -133,6 +133,7 @@ def design_in_words(study: Study, i: int) -> str:
         _prices(study, design),
         _robustness(study, design),
         _proof(design),
+        _search(design),
         _evidence(study, design),
     )
     return f"Designed for {who}: {' '.join(filter(None, parts))}"
@@ -200,6 +201,11 @@ def _proof(design: Design) -> str:
     left_out = f" It makes no use of: {join(proof.left_out)}." if proof.left_out else ""
     why = f" A nearer one was looked for: {proof.reason}." if proof.reason else ""
     return f"Proven: {_others(design)}, of {proof.class_of_paths}; the bound is {numeral(proof.bound, 5)}.{left_out}{why}"
+
+
+def _search(design: Design) -> str:
+    """Say how the search ended, where a gap was asked for."""
+    return "" if design.search is None else f"The search: {design.search.in_words(design)}."
 
 
 def _evidence(study: Study, design: Design) -> str:

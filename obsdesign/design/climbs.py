@@ -1,0 +1,109 @@
+"""Local solves from several starts: all in a coarse family, the best of them refined."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from logging import getLogger
+
+import numpy as np
+
+from obsdesign.design.initial_guesses import start_inputs
+from obsdesign.design.local_solve import LocalSolution, LocalSolve, families_of, solve_locally
+from obsdesign.design.nlp.criterion_objective import matrix_objective_of
+from obsdesign.design.nlp.program import Program
+from obsdesign.design.problem import DesignProblem
+from obsdesign.design.sqp.matrix_objective import evaluate_objective
+from obsdesign.paths.abstract import AbstractPath
+from obsdesign.progress import StageReport
+
+_LOGGER = getLogger(__name__)
+_MAX_SKIPPED = 20  # starts without a value that are left out; after so many the others are tried all the same
+_FIRST = 3  # with a floor: climbs that must not all end without an answer
+_NEAR_BEST, _MAX_REFINED = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
+
+
+@dataclass(frozen=True, eq=False)
+class Climbs:
+    """Where climbs in the coarse family ended, and those that were refined; of one family both are the same."""
+
+    coarse: tuple[LocalSolution, ...] = ()
+    refined: tuple[LocalSolution, ...] = ()
+
+
+def climb(
+    problem: DesignProblem, starts: Sequence[tuple[str, np.ndarray]], executor: Executor | None, report: StageReport, least: float = -np.inf
+) -> Climbs:
+    """Climb from names and inputs (N, m) in the coarsest family, from the best few that differ on through the finer ones.
+
+    least: an objective that is there; climbs that creep below it are stopped, coarse ones that creep where none is refined.
+    """
+    apply = map if executor is None else executor.map
+    families = families_of(problem.path)
+    coarse_least = least if len(families) == 1 else near_best(least)
+    tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, least=coarse_least) for name, u in starts]
+    report(f"{problem.duration:g} s: {len(tasks)} local solves{' of a coarse family' if len(families) > 1 else ''}")
+    first = len(tasks) if problem.floor is None else _FIRST
+    coarse = list(apply(solve_locally, tasks[:first]))
+    if any(solution.status.has_answer for solution in coarse):
+        coarse += apply(solve_locally, tasks[first:])
+    for solution in coarse:
+        _LOGGER.debug("%s: %s, objective %g, %d iterations", solution.name, solution.status.value, solution.objective, solution.iterations)
+    if len(families) == 1:
+        return Climbs(tuple(coarse), tuple(coarse))
+    report(f"{problem.duration:g} s: the best of them refined")
+    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, least))
+
+
+def near_best(best: float) -> float:
+    """Return the objective from which on a coarse optimum may be refined to one that is better than the best."""
+    return best - (1 - _NEAR_BEST) * abs(best) if np.isfinite(best) else best
+
+
+def _refine(
+    problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[LocalSolution], executor: Executor | None, least: float
+) -> tuple[LocalSolution, ...]:
+    """Climb on from the best of the coarse paths through the finer families."""
+    apply = map if executor is None else executor.map
+    selected = _best_distinct(coarse, least)
+    tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, least=least) for solution in selected]
+    return tuple(
+        replace(solution, iterations=solution.iterations + coarse_solution.iterations)
+        for solution, coarse_solution in zip(apply(solve_locally, tasks), selected, strict=True)
+    )
+
+
+def usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and inputs of starts whose information is not singular, for criteria that do not exist there.
+
+    A weave that the path family is too coarse for averages out to a straight line, for instance. After twenty singular ones,
+    whatever comes is used.
+    """
+    skipped, coarsest = 0, replace(problem, path=families_of(problem.path)[0])
+    objective = matrix_objective_of(problem)
+    for name, u in start_inputs(problem, seed):
+        program = Program(coarsest)
+        values = program.evaluate(coarsest.path.fit(u, coarsest.grid))
+        if objective.is_cone or np.isfinite(evaluate_objective(objective, values.matrices)) or skipped >= _MAX_SKIPPED:
+            yield name, u
+        else:
+            skipped += 1
+
+
+def _best_distinct(coarse: Sequence[LocalSolution], least: float) -> list[LocalSolution]:
+    """Return the best few distinct coarse optima that are near enough to an objective that is there; where there is none, the first few."""
+    successful = sorted((solution for solution in coarse if solution.status.has_answer), key=lambda solution: -solution.objective)
+    if not successful:
+        return list(coarse[: 0 if np.isfinite(least) else _MAX_REFINED])
+    lowest = near_best(max(least, successful[0].objective))
+    selected: list[LocalSolution] = []
+    for candidate in successful:
+        is_same = any(_is_same_value(candidate.objective, earlier.objective) for earlier in selected)
+        if candidate.objective >= lowest and len(selected) < _MAX_REFINED and not is_same:
+            selected.append(candidate)
+    return selected
+
+
+def _is_same_value(a: float, b: float) -> bool:
+    return abs(a - b) <= 1e-4 * max(abs(a), abs(b))
