@@ -71,11 +71,11 @@ def test_rounded_inputs_keep_the_box_and_the_first_leads_to_the_best_path():
 def test_a_climb_that_cannot_come_to_what_is_asked_is_abandoned_and_no_other_is():
     u = np.full((NEAR.steps, 1), 0.1)
     best = solve_locally(LocalSolve(NEAR, "", u, (NEAR.path,), True))
-    hopeless = solve_locally(LocalSolve(NEAR, "", u, (NEAR.path,), True, least=path_bound_of(NEAR).bound * 1.5))
+    hopeless = solve_locally(LocalSolve(NEAR, "", u, (NEAR.path,), True, target=path_bound_of(NEAR).bound * 1.5))
     assert best.status is od.Status.LOCALLY_OPTIMAL
     assert hopeless.status is od.Status.ABANDONED
     assert hopeless.iterations < best.iterations
-    assert solve_locally(LocalSolve(NEAR, "", u, (NEAR.path,), True, least=best.objective * 0.99)).objective == best.objective
+    assert solve_locally(LocalSolve(NEAR, "", u, (NEAR.path,), True, target=best.objective * 0.99)).objective == best.objective
 
 
 # ---------------------------------------------------------------- how it ends

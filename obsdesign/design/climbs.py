@@ -33,16 +33,20 @@ class Climbs:
 
 
 def climb(
-    problem: DesignProblem, starts: Sequence[tuple[str, np.ndarray]], executor: Executor | None, report: StageReport, least: float = -np.inf
+    problem: DesignProblem,
+    starts: Sequence[tuple[str, np.ndarray]],
+    executor: Executor | None,
+    report: StageReport,
+    target: float = -np.inf,
 ) -> Climbs:
     """Climb from names and inputs (N, m) in the coarsest family, from the best few that differ on through the finer ones.
 
-    least: an objective that is there; climbs that creep below it are stopped, coarse ones that creep where none is refined.
+    target: an objective that is there; climbs that creep below it are stopped, coarse ones that creep where none is refined.
     """
     apply = map if executor is None else executor.map
     families = families_of(problem.path)
-    coarse_least = least if len(families) == 1 else near_best(least)
-    tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, least=coarse_least) for name, u in starts]
+    coarse_target = target if len(families) == 1 else near_best(target)
+    tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, target=coarse_target) for name, u in starts]
     report(f"{problem.duration:g} s: {len(tasks)} local solves{' of a coarse family' if len(families) > 1 else ''}")
     first = len(tasks) if problem.floor is None else _FIRST
     coarse = list(apply(solve_locally, tasks[:first]))
@@ -53,7 +57,7 @@ def climb(
     if len(families) == 1:
         return Climbs(tuple(coarse), tuple(coarse))
     report(f"{problem.duration:g} s: the best of them refined")
-    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, least))
+    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, target))
 
 
 def near_best(best: float) -> float:
@@ -62,12 +66,12 @@ def near_best(best: float) -> float:
 
 
 def _refine(
-    problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[LocalSolution], executor: Executor | None, least: float
+    problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[LocalSolution], executor: Executor | None, target: float
 ) -> tuple[LocalSolution, ...]:
     """Climb on from the best of the coarse paths through the finer families."""
     apply = map if executor is None else executor.map
-    selected = _best_distinct(coarse, least)
-    tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, least=least) for solution in selected]
+    selected = _best_distinct(coarse, target)
+    tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in selected]
     return tuple(
         replace(solution, iterations=solution.iterations + coarse_solution.iterations)
         for solution, coarse_solution in zip(apply(solve_locally, tasks), selected, strict=True)
@@ -91,12 +95,12 @@ def usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.n
             skipped += 1
 
 
-def _best_distinct(coarse: Sequence[LocalSolution], least: float) -> list[LocalSolution]:
+def _best_distinct(coarse: Sequence[LocalSolution], target: float) -> list[LocalSolution]:
     """Return the best few distinct coarse optima that are near enough to an objective that is there; where there is none, the first few."""
     successful = sorted((solution for solution in coarse if solution.status.has_answer), key=lambda solution: -solution.objective)
     if not successful:
-        return list(coarse[: 0 if np.isfinite(least) else _MAX_REFINED])
-    lowest = near_best(max(least, successful[0].objective))
+        return list(coarse[: 0 if np.isfinite(target) else _MAX_REFINED])
+    lowest = near_best(max(target, successful[0].objective))
     selected: list[LocalSolution] = []
     for candidate in successful:
         is_same = any(_is_same_value(candidate.objective, earlier.objective) for earlier in selected)

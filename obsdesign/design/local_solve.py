@@ -27,7 +27,7 @@ _COARSE_TOLERANCE = 1e-5  # tolerance where a finer climb follows
 class LocalSolve:
     """A climb from inputs u (N, m) through families of the problem's path, coarse to fine; checked: also between the nodes.
 
-    least: objective that it is abandoned below where it creeps, in the last of the families.
+    target: objective that it is abandoned below where it creeps, in the last of the families.
     """
 
     problem: DesignProblem
@@ -37,7 +37,7 @@ class LocalSolve:
     checked: bool
     objective: AbstractMatrixObjective | None = None
     eigenvalue_floor: float = 0.0
-    least: float = float("-inf")
+    target: float = float("-inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +79,14 @@ def solve_locally(local_solve: LocalSolve) -> LocalSolution:
 
 def _solve_and_tighten(problem: DesignProblem, local_solve: LocalSolve, u: np.ndarray, is_checked: bool) -> LocalSolution:
     """Solve until the rows stay what they are and nothing falls short between the nodes."""
-    least = local_solve.least if problem.path == local_solve.families[-1] else -np.inf
+    target = local_solve.target if problem.path == local_solve.families[-1] else -np.inf
     rounds = solve_rounds(
         problem,
         matrix_objective_of(problem) if local_solve.objective is None else local_solve.objective,
         SolveStart(problem.path.fit(u, problem.grid), initial_rows(problem)),
         _ALLOWANCE_FACTORS,
         lambda solution, _: is_checked and solution.status.has_answer,
-        stopping=StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE, least=least),
+        stopping=StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE, target=target),
         eigenvalue_floor=local_solve.eigenvalue_floor,
     )
     iterations, last = 0, None

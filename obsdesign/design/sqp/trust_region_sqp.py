@@ -32,13 +32,13 @@ _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of 
 class StoppingCriteria:
     """When a solve ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one.
 
-    least: objective below which an answer is worth nothing: what would not come to it at five times the gain of its last 8 iterations ends.
+    target: objective below which an answer is worth nothing: what would not come to it at five times the gain of its last 8 iterations ends.
     """
 
     iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
     deadline: float = float("inf")
-    least: float = float("-inf")
+    target: float = float("-inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def solve(
             status = _final_status(merit_function, outcome, stopping.tolerance)
             break
         objectives.append(iterate.objective_value - iterate.evaluation.price)
-        if _is_hopeless(objectives, stopping.least):
+        if _is_hopeless(objectives, stopping.target):
             status = Status.ABANDONED
             break
         state = update_scaling(merit_function, state)
@@ -158,9 +158,9 @@ def _next_radius(radius: float, step_length: float, reduction_ratio: float) -> f
 # ---------------------------------------------------------------- the end
 
 
-def _is_hopeless(objectives: list[float], least: float) -> bool:
-    """Whether objectives of one iterate after the other, at five times the gain of the last 8, stay below the least that is worth it."""
-    return len(objectives) > _PACE and objectives[-1] + _AHEAD * max(0.0, objectives[-1] - objectives[-1 - _PACE]) < least
+def _is_hopeless(objectives: list[float], target: float) -> bool:
+    """Whether objectives of one iterate after the other, at five times the gain of the last 8, stay below the one that is wanted."""
+    return len(objectives) > _PACE and objectives[-1] + _AHEAD * max(0.0, objectives[-1] - objectives[-1 - _PACE]) < target
 
 
 def _final_status(merit_function: MeritFunction, outcome: _StepOutcome, tolerance: float) -> Status:
