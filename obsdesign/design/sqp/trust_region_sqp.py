@@ -32,7 +32,7 @@ _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of 
 class StoppingCriteria:
     """When a solve ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one.
 
-    target: objective below which an answer is worth nothing: what would not come to it at five times the gain of its last 8 iterations ends.
+    target: objective below which an answer is worth nothing: what would stay below at five times the gain of its last 8 iterations ends.
     """
 
     iterations: int = MAX_ITERATIONS
