@@ -122,6 +122,11 @@ class Trajectory(AbstractDisplay):
         return self._mean_step if self.is_even else 1.0
 
     @property
+    def paces(self) -> np.ndarray:
+        """What each step counts for errors that last (N,): 1 where all are equal, else its length [s]."""
+        return np.ones(self.steps) if self.is_even else self.lengths
+
+    @property
     def lengths(self) -> np.ndarray:
         """Lengths (N,) of the steps [s], the same number for equal ones."""
         return np.full(self.steps, self._mean_step) if self.is_even else np.diff(self.t)

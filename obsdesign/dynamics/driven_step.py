@@ -14,8 +14,12 @@ from obsdesign.dynamics.step import CACHE_SIZE, Step, looped_step, step_of
 
 @dataclass(frozen=True, eq=False)
 class DrivenStep:
-    """One step, and the columns (n, r) of what is added to its end by chance, N(0, 1) each, of its x and u."""
+    """One step of a model, and the columns (n, r) of what is added to its end by chance, N(0, 1) each, of its x and u.
 
+    model: that of which x and u are the symbols, the one in which the noise of inputs is unknown inputs.
+    """
+
+    model: Model
     step: Step
     noise: ca.SX
 
@@ -29,6 +33,6 @@ def driven_step(model: Model, step: float, substeps: int, noise: ProcessNoise, *
     columns = [noisy_model.noise_scale * ca.sparsify(ca.SX(ca.DM(noise.L)))]
     if noise.L_per_speed.size:
         columns.append(ca.sqrt(noisy_model.speed) * ca.sparsify(ca.SX(ca.DM(noise.L_per_speed))))
-    for i, each in enumerate(noise.inputs):
-        columns.append(B[:, i] * input_deviation(noisy_model, each.steady, each.per_speed))
-    return DrivenStep(graph, ca.horzcat(*columns))
+    for i, entry in enumerate(noise.inputs):
+        columns.append(B[:, i] * input_deviation(noisy_model, entry.steady, entry.per_speed))
+    return DrivenStep(noisy_model, graph, ca.horzcat(*columns))

@@ -24,7 +24,8 @@ class Noise:
     spread: SX (1, 1) of the state, the standard deviation of one sample of each output, or (q, 1) where outputs differ;
     correlation phi in [0, 1): z_0 ~ N(0, 1), z_k = phi z_k-1 + (1 - phi^2)^1/2 white_k from one sample of the sensor to the next,
     for each output its own; bias: standard deviation of the constant error, for each output its own; inflation: factor on spread
-    of whoever estimates; gate: SX (1, 1), the share of samples that arrive, detection that of those with nothing in the way.
+    of whoever estimates; gate: SX (1, 1), the share of samples that arrive, detection that of those with nothing in the way;
+    period: over how long correlation is [s], where time is counted in steps: phi is correlation^(dt / period) over dt there.
     """
 
     spread: ca.SX
@@ -33,6 +34,7 @@ class Noise:
     bias: float = 0.0
     correlation: float = 0.0
     detection: float = 1.0
+    period: float | None = None
 
     @property
     def is_white(self) -> bool:

@@ -66,5 +66,5 @@ def _speed_scan(model: Model) -> Scan:
 def _deviation_scan(model: Model, noise: ProcessNoise) -> Scan:
     import casadi as ca
 
-    deviations = [input_deviation(model, each.steady, each.per_speed) for each in noise.inputs]
+    deviations = [input_deviation(model, entry.steady, entry.per_speed) for entry in noise.inputs]
     return Scan(ca.SX(0, 1), [model.x, model.u], ca.SX(0, 1), [ca.vertcat(*deviations)])

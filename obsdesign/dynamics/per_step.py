@@ -44,8 +44,8 @@ class PerStepSystem(AbstractSystem):
     def _channel(self, channel: Channel) -> Channel:
         import casadi as ca
 
-        noise = replace(channel.noise, gate=ca.SX(1)) if self.has_arrived else channel.noise
-        return replace(channel, rate=None, noise=noise)
+        noise = replace(channel.noise, period=None if channel.rate is None else 1 / channel.rate)
+        return replace(channel, rate=None, noise=replace(noise, gate=ca.SX(1)) if self.has_arrived else noise)
 
 
 def _integral_of(signal: Signal) -> Signal:
@@ -53,15 +53,18 @@ def _integral_of(signal: Signal) -> Signal:
     return replace(signal, unit=f"{signal.unit} s".strip(), is_angle=False)
 
 
-def system_along(system: AbstractSystem, path: Trajectory, is_sampling_given: bool = False) -> AbstractSystem:
+def system_along(
+    system: AbstractSystem, path: Trajectory, is_sampling_given: bool = False, *, has_timed_errors: bool = False
+) -> AbstractSystem:
     """Return the system as it is along equal steps, with time counted in steps along others.
 
-    Raises InputError, along steps that are not equal, for sensors whose errors are correlated in time, as over how much time is not
-    told, and for sensors with a rate, unless it is given which samples there are.
+    has_timed_errors: whether errors that are correlated in time may be so over times of any length.
+    Raises InputError, along steps that are not equal, for such errors unless they may, and for sensors with a rate, unless it is given
+    which samples there are.
     """
     if path.is_even or system.model.is_per_step:
         return system
-    require_uncorrelated(system.model)
+    (require_timed if has_timed_errors else require_uncorrelated)(system.model)
     for channel in () if is_sampling_given else system.model.channels:
         if channel.rate is not None:
             raise InputError(
@@ -77,7 +80,17 @@ def require_uncorrelated(model: Model) -> None:
         if channel.noise.correlation:
             raise InputError(
                 f"sensor {channel.name!r} has errors of correlation {channel.noise.correlation:g} from sample to sample: along steps of"
-                " different lengths only sensors without it are accepted; `inflation` and `bias_floor` are"
+                " different lengths posterior_information and filters accept that; here only `inflation` and `bias_floor` are"
+            )
+
+
+def require_timed(model: Model) -> None:
+    """Raise InputError for a sensor whose errors are correlated from sample to sample, if it does not say how far those are apart."""
+    for channel in model.channels:
+        if channel.noise.correlation and channel.rate is None and channel.noise.period is None:
+            raise InputError(
+                f"sensor {channel.name!r} has errors of correlation {channel.noise.correlation:g} from sample to sample, and no rate:"
+                " along steps of different lengths a rate must say over how long that is, 1 / rate"
             )
 
 

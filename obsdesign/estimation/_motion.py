@@ -10,7 +10,6 @@ from obsdesign.dynamics.inner_loop import InnerLoop
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.step import Step, chain_steps, exact_step, looped_step, step_of
-from obsdesign.estimation._spread import root_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +42,17 @@ class Motion:
     @property
     def nuisance_noise(self) -> ca.SX:
         """The root of the covariance of what drives the nuisance states (e, e)."""
-        driving = ca.sparsify(ca.SX(ca.DM(root_values(self.nuisance.driving_covariance))))
         constant = len(self.nuisance.constant)
-        return ca.diagcat(driving, ca.SX(constant, constant))
+        return ca.diagcat(self.nuisance.driving_root(self.model), ca.SX(constant, constant))
+
+    @property
+    def _nuisance_transition(self) -> ca.SX:
+        """What a step leaves of each of (z, b) (e, 1)."""
+        return ca.vertcat(self.nuisance.decay_graph(self.model), ca.SX.ones(len(self.nuisance.constant)))
 
     def linearise(self, X: ca.SX) -> LinearMotion:
         """Return the step from X (n + e, 1), an expression, with its derivative there."""
-        n, decay = self.model.x.numel(), ca.SX(ca.DM(self.nuisance.transition))
+        n, decay = self.model.x.numel(), self._nuisance_transition
         step_graph = looped_step(self.model, self.step, self.substeps).without_disturbance().starting_at(X[:n, :])
         F = ca.diagcat(step_graph.F, ca.diag(decay)) if self.nuisance.size else step_graph.F
         return LinearMotion(ca.vertcat(step_graph.x_next, decay * X[n:, :]), F, self._noisy(step_graph), step_graph.loop)
@@ -64,7 +67,7 @@ class Motion:
 
     def move(self, points: list[ca.SX]) -> PointMotion:
         """Return where points (n + e, 1) move."""
-        n, decay = self.model.x.numel(), ca.SX(ca.DM(self.nuisance.transition))
+        n, decay = self.model.x.numel(), self._nuisance_transition
         moved, loop = self._move_states([point[:n, :] for point in points])
         return PointMotion([ca.vertcat(x, decay * point[n:, :]) for x, point in zip(moved, points, strict=True)], loop)
 

@@ -72,14 +72,14 @@ def noise_graph(form: NoiseForm, model: Model, has_roots: bool, nuisance_noise: 
 
 def form_of(noise: ProcessNoise) -> NoiseForm:
     """Return what noise there is."""
-    is_per_speed = bool(noise.L_per_speed.size) or any(each.per_speed for each in noise.inputs)
+    is_per_speed = bool(noise.L_per_speed.size) or any(entry.per_speed for entry in noise.inputs)
     return NoiseForm(noise.input_names, is_per_speed)
 
 
 def noise_row(noise: ProcessNoise, has_roots: bool, form: NoiseForm | None = None) -> np.ndarray:
     """Return the numbers for the row of `noise_graph`; form: its own, or one that has more."""
     form = form or form_of(noise)
-    by_name = {each.name: (each.steady, each.per_speed) for each in noise.inputs}
+    by_name = {entry.name: (entry.steady, entry.per_speed) for entry in noise.inputs}
     steady, growing = zip(*(by_name.get(name, (0.0, 0.0)) for name in form.inputs), strict=True) if form.inputs else ((), ())
     parts = [noise.L, noise.L_per_speed] if form.is_per_speed else [noise.L]
     spreads = [spread_values(L @ L.T, has_roots) for L in parts]

@@ -61,7 +61,7 @@ def estimate_states(
     if not len(inputs) or samples.shape != (len(inputs), len(model.outputs)):
         raise InputError(f"y has shape {samples.shape}: must be ({max(len(inputs), 1)}, {len(model.outputs)}), a row for each row of u")
     path = path_of(times_of(lengths, len(inputs)), np.tile(prior.mean, (len(inputs) + 1, 1)), inputs, None, tolerance)
-    along = system_along(system, path, active is not None)
+    along = system_along(system, path, active is not None, has_timed_errors=True)
     arrived = _arrived(along, active, path.steps, path.pace)
     noise = noise_of(model, disturbance_psd, input_psd, path.pace)
     bank = FilterBank(along, path.pace, noise, tolerance=tolerance, estimator=estimator or ExtendedKalmanFilter())

@@ -7,7 +7,7 @@ import numpy as np
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_tolerance
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.dynamics.per_step import PerStepSystem, require_uncorrelated
+from obsdesign.dynamics.per_step import PerStepSystem, require_timed
 from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.errors import InputError
 from obsdesign.estimation.abstract import AbstractEstimator
@@ -49,12 +49,12 @@ def estimate_log(
         estimator: as for estimate_states; None = an ExtendedKalmanFilter.
         step: length of the steps of a grid [s], to whose nearest instants samples are moved; None = no grid.
         tolerance: relative error of the steps, in (0, 1).
-    Raises InputError for a log that is not of this system, sensors whose errors are correlated in time, and estimates that leave
-    the finite numbers.
+    Raises InputError for a log that is not of this system, sensors whose errors are correlated in time and that have no rate, and estimates
+    that leave the finite numbers.
     """
     require_tolerance(tolerance)
     require_prior(system, prior)
-    require_uncorrelated(system.model)
+    require_timed(system.model)
     events, noise = events_of(system, log, step), noise_of(system.model, disturbance_psd, input_psd, 1.0)
     per_step, chosen = PerStepSystem(system, has_arrived=True), estimator or ExtendedKalmanFilter()
     bank = FilterBank(per_step, 1.0, noise, tolerance=tolerance, estimator=chosen)

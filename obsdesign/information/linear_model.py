@@ -96,16 +96,16 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
 
     Raises InputError for samples that have no derivative.
     """
-    model, nuisance, n = system.model, nuisance_of(system.model, path.step), path.x.shape[1]
+    model, nuisance, n = system.model, nuisance_of(system.model, path.pace), path.x.shape[1]
     linearisation = linearise(system, path, weights, disturbance.noise)
     N, q, c, a = path.steps, len(model.output_owner), len(nuisance.constant), len(nuisance.coloured)
     B = linearisation.B[:, :, list(disturbance.unknown)]
     size, L = n + c + a, linearisation.noise
     transition, noise, covariance = np.zeros((N, size, size)), np.zeros((N, size, size)), np.zeros((size, size))
     transition[:, :n, :n] = linearisation.F
-    transition[:, range(n, size), range(n, size)] = np.concatenate([np.ones(c), nuisance.decay])
+    transition[:, range(n, size), range(n, size)] = np.hstack([np.ones((N, c)), nuisance.decays(path.paces)])
     noise[:, :n, :n] = L @ L.swapaxes(1, 2)
-    noise[:, n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.driving_covariance
+    noise[:, n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.driving_covariances(path.paces)
     covariance[:n, :n], covariance[n : n + c, n : n + c] = prior.covariance, np.eye(c)
     covariance[n + c :, n + c :] = (1 - _WHITE_SHARE) * nuisance.R
     rows = np.zeros((N, q, size))
@@ -131,6 +131,7 @@ def _white_part(nuisance: NuisanceStates, outputs: int) -> np.ndarray:
     """Return the variance (q,) of what counts as white in an error relative to its spread: 1 where all of it is."""
     part = np.ones(outputs)
     if nuisance.coloured:
-        smallest = float(np.linalg.eigvalsh(nuisance.driving_covariance)[0])
-        part[list(nuisance.coloured)] = _WHITE_SHARE * smallest / (1 + float(nuisance.decay.max())) ** 2
+        one = np.ones(1)
+        smallest = float(np.linalg.eigvalsh(nuisance.driving_covariances(one)[0])[0])
+        part[list(nuisance.coloured)] = _WHITE_SHARE * smallest / (1 + float(nuisance.decays(one).max())) ** 2
     return part

@@ -25,11 +25,12 @@ _NOTHING = 1e-30  # share of a column below which entries need not agree
 class LinearProblem:
     """Errors (b, x) of the linearisation along a path; counts (N, q): how often a sample counts; P (n, n) before the samples at t_0.
 
-    unknown: columns of its B.
+    paces (N,): of the steps, as `Trajectory.paces`; unknown: columns of its B.
     """
 
     linearisation: PathLinearisation
     nuisance: NuisanceStates
+    paces: np.ndarray
     counts: np.ndarray
     P: np.ndarray
     unknown: tuple[int, ...]
@@ -107,13 +108,14 @@ def _roots_with(problem: LinearProblem, bits: int) -> np.ndarray:
 def _informations(problem: LinearProblem) -> Iterator[arb_mat]:
     """Yield J about (b, x_k) after the samples at t_k, at t_N before them."""
     nuisance, F, B = problem.nuisance, *_steps_of(problem)
-    decay, driving = _matrix(np.diag(nuisance.decay)), _matrix(nuisance.driving_covariance)
+    decays, drivings = nuisance.decays(problem.paces), nuisance.driving_covariances(problem.paces)
     known, exchange = _before_samples(problem), _exchange(F[0], B[0])
     for k in range(len(F)):
         known = _after_samples(problem, known, k)
         yield known.J
         if k and not (np.array_equal(F[k], F[k - 1]) and np.array_equal(B[k], B[k - 1])):
             exchange = _exchange(F[k], B[k])
+        decay, driving = _matrix(np.diag(decays[k])), _matrix(drivings[k])
         known = _Knowledge(known.J, (decay * known.M).mid(), (decay * known.V * decay + driving).mid())
         for q in exchange.Q:
             known = known.move_along(q, 0)

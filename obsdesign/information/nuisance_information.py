@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates
@@ -24,12 +23,10 @@ class ErrorDistribution:
     M: ca.SX
     V: ca.SX
 
-    def predict(self, nuisance: NuisanceStates) -> ErrorDistribution:
+    def predict(self, nuisance: NuisanceStates, model: Model) -> ErrorDistribution:
         """Return them one step later: z+ = decay z + w."""
-        decay = ca.SX(ca.DM(nuisance.decay))
-        return ErrorDistribution(
-            self.M * ca.repmat(decay, 1, self.M.shape[1]), self.V * (decay @ decay.T) + ca.SX(ca.DM(nuisance.driving_covariance))
-        )
+        decay, root = nuisance.decay_graph(model), nuisance.driving_root(model)
+        return ErrorDistribution(self.M * ca.repmat(decay, 1, self.M.shape[1]), self.V * (decay @ decay.T) + root @ root.T)
 
 
 def update_with_samples(
@@ -64,8 +61,8 @@ def samples_given_previous(model: Model, nuisance: NuisanceStates, weights: ca.S
     (b, x, z before) is N(M ., U U'), updated by one sample after the other as in `update_with_samples`, U by Potter's formula.
     """
     a, size = len(nuisance.coloured), len(nuisance.constant) + len(model.states)
-    U, rows = ca.SX(ca.sparsify(ca.DM(np.linalg.cholesky(nuisance.driving_covariance)))), []
-    M = ca.horzcat(ca.SX(a, size), ca.diag(ca.SX(ca.DM(nuisance.decay))))
+    U, rows = nuisance.driving_root(model), []
+    M = ca.horzcat(ca.SX(a, size), ca.diag(nuisance.decay_graph(model)))
     for i, sensor in enumerate(model.output_owner):
         row, bias_ratio, gate = sample_row(model, nuisance, i)
         row = ca.horzcat(row, ca.SX(1, a))

@@ -72,7 +72,7 @@ def posterior_information(
         psds = disturbance_psd, input_psd
         return _posterior_of_log(system, path, prior, psds, unknown_inputs, active=active, log=samples)
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs, input_psd)
-    system = system_along(system, path, active is not None)
+    system = system_along(system, path, active is not None, has_timed_errors=True)
     weights = weights_of(system, path, active)
     return _information_along(system, path, prior, disturbance, weights)
 
@@ -89,7 +89,7 @@ def _posterior_of_log(
 ) -> np.ndarray:
     """The same from event to event, at the nodes of the path."""
     require_fit(system, path)
-    arrived = recorded_samples(system, path, log)
+    arrived = recorded_samples(system, path, log, has_timed_errors=True)
     events, per_step = arrived.event_path, arrived.system
     weights = events.weights
     if active is not None:

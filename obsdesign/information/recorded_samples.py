@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.dynamics.model import AbstractSystem, Channel, Model
-from obsdesign.dynamics.per_step import PerStepSystem, require_uncorrelated
+from obsdesign.dynamics.per_step import PerStepSystem, require_timed, require_uncorrelated
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import inputs_along, join_inputs, readings, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
@@ -75,12 +75,13 @@ class EventPath:
     nodes: np.ndarray
 
 
-def recorded_samples(system: AbstractSystem, path: Trajectory, log: Log) -> RecordedSamples:
+def recorded_samples(system: AbstractSystem, path: Trajectory, log: Log, *, has_timed_errors: bool = False) -> RecordedSamples:
     """Return the samples of a log from the first instant of a path to the last, that one not included.
 
-    Raises InputError for sensors that are not the system's, for errors correlated in time, and where no sample is within the path.
+    has_timed_errors: whether errors that are correlated in time may be so over times of any length.
+    Raises InputError for sensors that are not the system's, for such errors unless they may, and where no sample is within the path.
     """
-    require_uncorrelated(system.model)
+    (require_timed if has_timed_errors else require_uncorrelated)(system.model)
     samples, per_step = require_samples(system, log), PerStepSystem(system, has_arrived=True)
     lengths = np.diff(path.t)
     step = np.searchsorted(path.t, samples.t, side="right") - 1
@@ -153,7 +154,7 @@ def _weights(system: AbstractSystem, x: np.ndarray, sensor: np.ndarray, sigma: n
 def require_single_spread(model: Model, channel: Channel) -> None:
     """Raise InputError for a sensor whose errors are not told by one standard deviation of a sample."""
     is_joint = any(channel.name in group.sensors for group in model.joint)
-    if channel.noise.bias or is_joint or len({signal.unit for signal in channel.outputs}) > 1:
+    if not channel.noise.is_white or is_joint or len({signal.unit for signal in channel.outputs}) > 1:
         raise InputError(
             f"log: a sample of {channel.name!r} has a sigma of its own: that is accepted for sensors whose outputs have one unit and"
             " independent errors"

@@ -61,7 +61,7 @@ def forward_scan(model: Model, step: float, disturbance: Disturbance, substeps: 
     if nuisance.size:
         rows, counts, errors = update_with_samples(model, nuisance, errors, weights)
         updated = root.with_rows(ca.sqrt(counts) * rows)
-        predicted, next_errors = predict_with_errors(updated, errors.predict(nuisance), step_graph.F, B, driven.noise, unit)
+        predicted, next_errors = predict_with_errors(updated, errors.predict(nuisance, driven.model), step_graph.F, B, driven.noise, unit)
     else:
         updated, next_errors = root.with_rows(rows_of_samples(model, weights)), errors
         predicted = predict(updated, step_graph.F, B, driven.noise, unit)
@@ -114,7 +114,12 @@ def _roots_in_long_numbers(
     model = system.model
     counts = weights[:, list(model.output_owner)]
     problem = LinearProblem(
-        linearise(system, path, weights, disturbance.noise), nuisance_of(model, path.pace), counts, prior.covariance, disturbance.unknown
+        linearise(system, path, weights, disturbance.noise),
+        nuisance_of(model, path.pace),
+        path.paces,
+        counts,
+        prior.covariance,
+        disturbance.unknown,
     )
     roots = long_roots(problem)
     if not np.isfinite(roots).all():

@@ -92,7 +92,7 @@ def posterior_recursion(model: Model, step: float, knowledge: Knowledge, substep
     w = driven.step.w
     noise_columns = ca.substitute(driven.noise, w, ca.SX.zeros(w.numel())) if w.numel() else driven.noise
     disturbance = _Disturbance([names.index(name) for name in knowledge.unknown_inputs], noise_columns, knowledge.prior.std)
-    predicted, next_errors = _predict(dynamics, disturbance, (updated, errors.predict(nuisance)))
+    predicted, next_errors = _predict(dynamics, disturbance, (updated, errors.predict(nuisance, model)))
     start = np.eye(c + n)
     start[c:, c:] = np.linalg.inv(knowledge.prior.covariance)
     z = ca.vertcat(dynamics.x, entries, ca.vec(M), spread)
