@@ -8,6 +8,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import obsdesign as od
 
@@ -85,3 +86,21 @@ def test_scales_that_leave_no_numbers_are_refused_by_name(scale: float) -> None:
     """(50 / 1e200)^2 is 0 in doubles: every schedule would be perfect."""
     with pytest.raises(od.InputError, match="scale of x1"):
         _ask(_integrators((0.0, 0.0)), 4, 50.0, segment=1.0, scale=(1.0, scale))
+
+
+def test_nothing_that_the_prior_knows_is_hidden_without_noise():
+    """P = F^k P_0 F^k' by NumPy: directions shrink so differently that a root of the information has no digit left of the slow one."""
+    V = np.array([[1.0, 1.0, 0.5], [0.3, -1.0, 1.0], [1.0, 0.2, -1.0]])
+    A, x = V @ np.diag([-0.2, -2.5, -1.0]) @ np.linalg.inv(V), ca.SX.sym("x", 3)
+    system = od.ControlAffineSystem(x, ("a", "b", "c"), drift=ca.DM(A) @ x, outputs={"y": x[0]}, sigmas={"y": 1.0})
+    path = od.simulate(system, np.zeros(3), np.zeros((40, 0)), 1.0)
+    schedule = od.select_for_filter(
+        system, path, od.Prior(np.zeros(3), std=(1.0, 2.0, 3.0)), segment=20.0, rules=(od.Unavailable("y", (0, 1)),)
+    )
+    P, traces, step = np.diag([1.0, 4.0, 9.0]), [], expm(A)
+    for _ in range(40):
+        traces.append(np.trace(P))
+        P = step @ P @ step.T
+    assert schedule.value == pytest.approx(np.mean(traces), rel=1e-6)
+    assert schedule.bound <= schedule.value
+    assert np.isfinite(schedule.predicted).all()

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from flint import fmpq, fmpq_mat
+from scipy.linalg import expm
 from test_lasting_errors import drawn_case, worst_error
 
 import obsdesign as od
@@ -156,6 +157,24 @@ def test_a_state_that_forgets_is_known_by_its_noise():
     A, nothing = np.diag([-30.0, -0.1]), np.zeros((2, 0))
     chain = Chain(A, nothing, np.eye(2), [1.0, 1.0], [1.0, 1.0], np.zeros((5, 2), bool), 1.0, (1e-4, 0.0))
     np.testing.assert_allclose(chain.information()[1:, 0, 0], 1e4, rtol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [-150.0, -260.0, -700.0])
+def test_what_is_left_of_a_state_that_forgets_nearly_all_is_its_noise(rate: float):
+    """P+ = F P F' + Q with F = e^rate or so, by NumPy: F^-1 is up to 1e304, its square no number; noise hangs together, or is none."""
+    for psd in ((1e-4, 2e-3), (0.0, 2e-3)):
+        A, nothing = np.array([[rate, 1.0], [0.0, -0.1]]), np.zeros((2, 0))
+        chain = Chain(A, nothing, np.eye(2), [1.0, 1.0], [1.0, 1.0], np.zeros((4, 2), bool), 1.0, psd)
+        F, P = expm(A), np.eye(2)
+        for J in chain.information()[1:]:
+            P = F @ P @ F.T + np.diag(psd)
+            np.testing.assert_allclose(np.linalg.inv(J), P, rtol=1e-6)
+
+
+def test_a_step_that_leaves_nothing_of_a_state_is_named():
+    chain = Chain(np.diag([-800.0, -0.1]), np.zeros((2, 0)), np.eye(2), [1.0, 1.0], [1.0, 1.0], np.zeros((4, 2), bool), 1.0, (1.0, 1.0))
+    with pytest.raises(od.InputError, match="a step leaves 1 of 2 states"):
+        chain.information()
 
 
 @pytest.mark.parametrize("seed", range(30, 36))

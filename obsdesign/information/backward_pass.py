@@ -148,4 +148,4 @@ def raise_not_finite(values: np.ndarray, system: AbstractSystem, path: Trajector
     """Raise InputError with the sensor and the step that have no derivative, or else say that numbers ran away."""
     require_derivatives(system, path, weights > 0)
     k = int(np.argwhere(~np.isfinite(values))[0, 0])
-    raise InputError(f"the information is not finite at step {k} (t = {path.t[k]:g} s): the system is too unstable for this step")
+    raise InputError(f"the information is not finite at step {k} (t = {path.t[k]:g} s): the system grows or decays too fast for this step")

@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.dynamics.process_noise import ProcessNoise
+from obsdesign.errors import InputError
 from obsdesign.information.householder import solve, triangular_factor
 from obsdesign.information.input_exchange import deflate, exchange_inputs, largest_entry
 
@@ -72,11 +73,8 @@ class InformationRoot:
         """Return the root once noise, columns of it (m, r) with N(0, 1) each, has been added to what this one is about."""
         T, error = self.T, self.error
         for column in range(noise.shape[1]):
-            g = T @ noise[:, column]
-            information = T.T @ g
-            norm = ca.sqrt(1 + ca.sumsqr(g))
-            error = error - (error @ noise[:, column]) @ (information.T / norm**2)
-            T = T - g @ information.T / (norm * (norm + 1))  # (I + g g')^(-1/2) T
+            T, gain, _ = move_along(T, noise[:, column])
+            error = error - (error @ noise[:, column]) @ gain
         root = InformationRoot(T, self.rounding, error)
         return root.add_error(_NOISE_SHARE * self.rounding.T) if noise.shape[1] else root
 
@@ -122,6 +120,23 @@ class InformationRoot:
         return (size > threshold * threshold) * size
 
 
+def move_along(T: ca.SX, b: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return the root of T'(I + g g')^-1 T, g = T b: what is known of x + b e, e ~ N(0, 1); and e given that, gain and deviation.
+
+    gain (1, n) = g'T / (1 + g'g), deviation = (1 + g'g)^-1/2. Givens's rotations of the row (1, 0) of e with each row (g_i, T_i), from
+    the last to the first, which keeps T triangular. A row of which noise takes all but a share is multiplied by that share; as a
+    difference of what it was and what is taken, it would be rounding (a state that forgets most of itself in a step: F is small, T F^-1
+    large).
+    """
+    g, rows, size, row_of_e = T @ b, ca.vertsplit(T), ca.SX(1), ca.SX(1, T.shape[1])
+    for i in reversed(range(T.shape[0])):
+        if not g[i].is_zero():
+            longer = ca.hypot(size, g[i])
+            cosine, sine = size / longer, g[i] / longer
+            rows[i], row_of_e, size = cosine * rows[i] - sine * row_of_e, cosine * row_of_e + sine * rows[i], longer
+    return ca.vertcat(*rows), row_of_e / size, 1 / size
+
+
 def _draws(count: int) -> ca.SX:
     """Return (1, count) numbers between 0.7 and 1.3 in size, with signs as if drawn."""
     places = np.arange(1.0, count + 1)
@@ -141,13 +156,24 @@ def predict(root: InformationRoot, F: ca.SX, B: ca.SX, noise: ca.SX, unit: ca.SX
     each state.
     """
     if not B.shape[1]:
-        return root.transform(solve(F, ca.SX.eye(F.shape[0]))).add_noise(noise)
+        return root.transform(inverse_step(F)).add_noise(noise)
     root = root.scale(unit).without_residues()
     exchange = exchange_inputs(*in_units(F, B, unit), root.rounding)
     for column in range(exchange.Q.shape[1]):
         root = root.eliminate(exchange.Q[:, column])
     root = root.transform(exchange.X, exchange.magnitudes).add_solution_error(exchange.A, exchange.inverse)
     return root.scale(1 / unit).add_noise(noise)
+
+
+def inverse_step(F: ca.SX) -> ca.SX:
+    """Return F^-1 of a step; raise InputError where a step leaves nothing of some state that a double can hold."""
+    n, rank = F.shape[0], ca.sprank(F)
+    if rank < n:
+        raise InputError(
+            f"a step leaves {rank} of {n} states: what decays by more than e^-745 in a step is forgotten within it;"
+            " must be a shorter step, or a system without that state"
+        )
+    return solve(F, ca.SX.eye(n))
 
 
 def in_units(F: ca.SX, B: ca.SX, unit: ca.SX) -> tuple[ca.SX, ca.SX]:

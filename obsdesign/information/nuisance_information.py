@@ -8,8 +8,7 @@ import casadi as ca
 
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.nuisance_states import NuisanceStates
-from obsdesign.information.householder import solve
-from obsdesign.information.information_update import InformationRoot, in_units
+from obsdesign.information.information_update import InformationRoot, in_units, inverse_step, move_along
 from obsdesign.information.input_exchange import exchange_inputs
 
 
@@ -109,7 +108,7 @@ def predict_with_errors(
     noise = ca.vertcat(ca.SX(c, noise.shape[1]), noise)
     transition, all_units = ca.diagcat(ca.SX.eye(c), F), ca.vertcat(ca.SX.ones(c), unit)
     if not B.shape[1]:
-        X = solve(transition, ca.SX.eye(c + F.shape[0]))
+        X = inverse_step(transition)
         return _add_noise_with_errors(root.transform(X), ErrorDistribution(errors.M @ X, errors.V), noise)
     input_columns = ca.vertcat(ca.SX(c, B.shape[1]), B)
     root, M, V = root.scale(all_units).without_residues(), errors.M @ ca.diag(all_units), errors.V
@@ -133,8 +132,8 @@ def _add_noise_with_errors(root: InformationRoot, errors: ErrorDistribution, noi
     """
     M, V = errors.M, errors.V
     for j in range(noise.shape[1]):
-        b, g, error_change = noise[:, j], root.T @ noise[:, j], M @ noise[:, j]
-        variance = 1 / (1 + ca.sumsqr(g))
-        M, V = M - error_change @ (g.T @ root.T) * variance, V + error_change @ error_change.T * variance
+        b, error_change = noise[:, j], M @ noise[:, j]
+        _, gain, deviation = move_along(root.T, b)
+        M, V = M - error_change @ gain, V + (deviation * error_change) @ (deviation * error_change).T
         root = root.add_noise(b)
     return root, ErrorDistribution(M, V)

@@ -15,8 +15,7 @@ from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.dynamics.step import CACHE_SIZE, Step, blocks_of, sensitivity_of, step_of
 from obsdesign.information.correlated_noise import colour_of
-from obsdesign.information.householder import solve
-from obsdesign.information.information_update import in_units
+from obsdesign.information.information_update import in_units, inverse_step
 from obsdesign.information.input_exchange import exchange_inputs
 from obsdesign.information.nuisance_information import ErrorDistribution, update_with_samples
 from obsdesign.information.sample_graph import instant_of
@@ -131,7 +130,7 @@ def _predict(dynamics: Step, disturbance: _Disturbance, updated: _JointInformati
         input_columns = ca.vertcat(ca.SX(c, len(disturbance.unknown)), dynamics.B_w[:, list(disturbance.unknown)])
         J, errors = _predict_with_unknown_inputs((J, errors), transition, input_columns, np.append(np.ones(c), disturbance.unit))
     else:
-        inverse = solve(dynamics.F, ca.SX.eye(n))
+        inverse = inverse_step(dynamics.F)
         transform = ca.diagcat(ca.SX.eye(c), inverse) if c else inverse
         J, errors = transform.T @ J @ transform, ErrorDistribution(errors.M @ transform, errors.V)
     for j in range(disturbance.noise.shape[1]):

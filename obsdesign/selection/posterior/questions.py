@@ -80,7 +80,11 @@ class FilterQuestion:
     @cached_property
     def _known_model(self) -> LinearModel:
         """The model along the path in which unknown inputs are 0."""
-        return linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals).with_floors(self.floors, self.nodes)
+        return self._model_without_floors.with_floors(self.floors, self.nodes)
+
+    @cached_property
+    def _model_without_floors(self) -> LinearModel:
+        return linear_model_of(self.system, self.path, self.prior, self.disturbance, self.arrivals)
 
     @property
     def answers(self) -> np.ndarray:
@@ -117,7 +121,24 @@ class FilterQuestion:
 
     def deviations(self, chosen: np.ndarray) -> np.ndarray:
         """Return the standard deviations (N, n) after the samples at t_k of a schedule (K, S); inf for what is hidden."""
-        return deviations_of_roots(self.roots(chosen))
+        return self._deviations(chosen, self.roots(chosen))
+
+    def _deviations(self, chosen: np.ndarray, roots: np.ndarray) -> np.ndarray:
+        """Return the standard deviations (N, n) of roots; of covariances where roots lost sight of what the prior knows.
+
+        Without unknown inputs nothing is ever hidden: what has no variance in R'R is below the rounding of what is known better.
+        """
+        deviations = deviations_of_roots(roots)
+        if self.disturbance.unknown or np.isfinite(deviations).all():
+            return deviations
+        variances = np.diagonal(self._covariances(chosen), axis1=1, axis2=2)[:, : deviations.shape[1]]
+        return np.where(np.isfinite(deviations), deviations, np.sqrt(np.maximum(variances, 0.0)))
+
+    def _covariances(self, chosen: np.ndarray) -> np.ndarray:
+        """Return covariances (N, n, n) without floors; inf where they grow beyond all numbers."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            covariances = self._model_without_floors.covariances(self.active(chosen))
+        return np.where(np.isfinite(covariances).all(axis=(1, 2), keepdims=True), covariances, np.inf)
 
     def schedule_cost(self, chosen: np.ndarray) -> float:
         """Return the cost of a schedule (K, S), without what switching costs; with floors of the model that has them.
@@ -129,25 +150,33 @@ class FilterQuestion:
     def rating(self, chosen: np.ndarray) -> tuple[float, np.ndarray]:
         """Return `schedule_cost` and `deviations` of a schedule (K, S)."""
         roots = self.roots(chosen)
-        deviations = deviations_of_roots(roots)
-        each = self._costs_with_floors(chosen) if self.floors.any() else self._costs_of_roots(roots, deviations)
-        return self.costs.together(each), deviations
+        each = self._costs_with_floors(chosen) if self.floors.any() else self._costs_of_roots(chosen, roots)
+        return self.costs.together(each), self._deviations(chosen, roots)
 
     def instant_costs(self, chosen: np.ndarray) -> np.ndarray:
         """Return what each instant that counts adds to the cost of a schedule (k,); inf where a state asked about is hidden."""
         if self.floors.any():
             return self._costs_with_floors(chosen)
-        roots = self.roots(chosen)
-        return self._costs_of_roots(roots, deviations_of_roots(roots))
+        return self._costs_of_roots(chosen, self.roots(chosen))
 
     def _costs_with_floors(self, chosen: np.ndarray) -> np.ndarray:  # posterior_information has none
         return self.costs.each(self.linear_model.covariances(self.active(chosen)))
 
-    def _costs_of_roots(self, roots: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    def _costs_of_roots(self, chosen: np.ndarray, roots: np.ndarray) -> np.ndarray:
         counted = roots[self.costs.counted]
-        is_seen = np.isfinite(deviations[self.costs.counted][:, self.costs.about]).all(axis=1)
+        is_seen = np.isfinite(deviations_of_roots(counted)[:, self.costs.about]).all(axis=1)
         counted[~is_seen] = np.eye(counted.shape[1])
-        return np.where(is_seen, self.costs.each_from_roots(_inverse_roots(counted)), np.inf)
+        each = self.costs.each_from_roots(_inverse_roots(counted))
+        if is_seen.all():
+            return each
+        unseen = np.inf if self.disturbance.unknown else self._costs_of_covariances(chosen)
+        return np.where(is_seen, each, unseen)
+
+    def _costs_of_covariances(self, chosen: np.ndarray) -> np.ndarray:
+        covariances = self._covariances(chosen)
+        is_infinite = np.isinf(covariances[:, 0, 0])
+        covariances[is_infinite] = np.eye(covariances.shape[1])
+        return np.where(is_infinite[self.costs.counted], np.inf, self.costs.each(covariances))
 
 
 def deviations_of_roots(R: np.ndarray) -> np.ndarray:
