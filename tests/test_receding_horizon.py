@@ -74,6 +74,15 @@ def test_a_sensor_stays_on_until_it_answers():
     assert waiting.value >= free.bound
 
 
+@pytest.mark.parametrize("rule", [od.MaxUses("magnetometer", 0), od.EnergyBudget(2.0, {"magnetometer": 3.0})], ids=("uses", "energy"))
+def test_a_sensor_for_which_a_limit_leaves_nothing_is_not_waited_for(rule: od.MaxUses | od.EnergyBudget):
+    """Where no schedule has it on, the answer is that of not waiting."""
+    free = od.select_next(_SYSTEM, _BELIEF, _INPUTS, 1.0, rules=(rule,), **_KEYWORDS)
+    waiting = od.select_next(_SYSTEM, _BELIEF, _INPUTS, 1.0, rules=(rule,), waiting=("magnetometer",), **_KEYWORDS)
+    assert waiting.status.has_answer
+    assert waiting.value == free.value
+
+
 def test_what_is_on_need_not_be_switched_on():
     """With the schedule's own first sensor on before, the cost is less by exactly one switching-on."""
     rules = (od.SwitchingCost(0.01),)

@@ -150,8 +150,8 @@ class FilterQuestion:
     def rating(self, chosen: np.ndarray) -> tuple[float, np.ndarray]:
         """Return `schedule_cost` and `deviations` of a schedule (K, S)."""
         roots = self.roots(chosen)
-        each = self._costs_with_floors(chosen) if self.floors.any() else self._costs_of_roots(chosen, roots)
-        return self.costs.together(each), self._deviations(chosen, roots)
+        costs = self._costs_with_floors(chosen) if self.floors.any() else self._costs_of_roots(chosen, roots)
+        return self.costs.together(costs), self._deviations(chosen, roots)
 
     def instant_costs(self, chosen: np.ndarray) -> np.ndarray:
         """Return what each instant that counts adds to the cost of a schedule (k,); inf where a state asked about is hidden."""
@@ -166,11 +166,11 @@ class FilterQuestion:
         counted = roots[self.costs.counted]
         is_seen = np.isfinite(deviations_of_roots(counted)[:, self.costs.about]).all(axis=1)
         counted[~is_seen] = np.eye(counted.shape[1])
-        each = self.costs.each_from_roots(_inverse_roots(counted))
+        costs = self.costs.each_from_roots(_inverse_roots(counted))
         if is_seen.all():
-            return each
+            return costs
         unseen = np.inf if self.disturbance.unknown else self._costs_of_covariances(chosen)
-        return np.where(is_seen, each, unseen)
+        return np.where(is_seen, costs, unseen)
 
     def _costs_of_covariances(self, chosen: np.ndarray) -> np.ndarray:
         covariances = self._covariances(chosen)

@@ -18,13 +18,13 @@ from obsdesign.errors import InputError, SolveError
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
-from obsdesign.selection.posterior.deadline import deadline_after
+from obsdesign.selection.posterior.deadline import Deadline, deadline_after
 from obsdesign.selection.posterior.filter_certificate import schedule_without_answer
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.filter_selection import solve_question
 from obsdesign.selection.posterior.formulation import formulate
 from obsdesign.selection.posterior.options import Options, build_options
-from obsdesign.selection.posterior.questions import FilterSettings, build_question
+from obsdesign.selection.posterior.questions import FilterQuestion, FilterSettings, build_question
 from obsdesign.selection.posterior.rival_walks import greedy_walk
 from obsdesign.status import Status
 
@@ -75,7 +75,8 @@ def select_next(
         floor: sensor -> what its mean error within a segment never falls below, in the unit of its outputs.
         answer_share: sensor -> how often it answers when it is asked, from 0 to 1, beside what its gate says; 1 for those left out.
         on: names of the sensors that are on now: to keep them on is no switching-on.
-        waiting: names of sensors that were switched on and have not answered yet: they stay on for the first segment.
+        waiting: names of sensors that were switched on and have not answered yet: they stay on for the first segment,
+            unless no schedule within the rules has them on.
         gap: how near to the best the schedule is to be proven, as a share of the cost (a difference for LogDet()).
         time_limit: the call ends about then [s], with what there is; None = never.
     """
@@ -91,14 +92,21 @@ def select_next(
         question = build_question(answering, path, belief, settings)
         sensors_on, sensors_waiting = _mask(system, "on", on), _mask(system, "waiting", waiting)
         options = build_options(tuple(rules), per_segment, question.segments, question.answers, sensors_on | sensors_waiting)
-        options = _stay_on(options, sensors_waiting)
-        question, problem = formulate(question, options, deadline)
-        starts = [nodes for _, nodes in greedy_walk(problem)]
-        return solve_question(question, problem, gap=gap, deadline=deadline, starts=starts)
+        with np.errstate(over="ignore", invalid="ignore"):  # covariances may grow beyond all numbers
+            schedule = _best_ahead(question, _stay_on(options, sensors_waiting), gap, deadline)
+            if schedule.status is Status.INFEASIBLE and sensors_waiting.any():  # a limit in sum may leave nothing for them
+                schedule = _best_ahead(question, options, gap, deadline)
+            return schedule
     except Exception as error:  # noqa: BLE001  # in flight a status is better than a traceback, whatever went wrong
         names = system.model.sensor_names if isinstance(system, AbstractSystem) else ()
         status = error.status if isinstance(error, SolveError) else Status.NUMERICAL_ERROR
         return schedule_without_answer(names, np.zeros(1), 0, 0, status, str(error) or type(error).__name__)
+
+
+def _best_ahead(question: FilterQuestion, options: Options, gap: float, deadline: Deadline) -> FilterSchedule:
+    question, problem = formulate(question, options, deadline)
+    starts = [nodes for _, nodes in greedy_walk(problem)]
+    return solve_question(question, problem, gap=gap, deadline=deadline, starts=starts)
 
 
 def _answer_shares(system: AbstractSystem, answer_share: Mapping[str, float] | None) -> tuple[float, ...]:
