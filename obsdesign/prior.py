@@ -73,10 +73,15 @@ class Prior(AbstractDisplay):
 
 def _require_covariance(covariance: np.ndarray, mean: np.ndarray) -> None:
     n = mean.size
-    if mean.ndim != 1 or covariance.shape != (n, n) or not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+    if mean.ndim != 1 or covariance.shape != (n, n):
         raise InputError(f"prior: mean {mean.shape} and covariance {covariance.shape} must be finite, (n,) and (n, n)")
-    scale = np.sqrt(np.abs(np.diag(covariance)))
-    lowest = -1.0 if not scale.all() else np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0]
+    for what, values in (("mean", mean), ("covariance", covariance)):
+        for index in np.argwhere(~np.isfinite(values)):
+            raise InputError(f"prior: {what}[{', '.join(map(str, index))}] is {values[tuple(index)]}: must be finite")
+    for i in np.flatnonzero(np.diag(covariance) <= 0):
+        raise InputError(f"prior: covariance[{i}, {i}] is {covariance[i, i]:g}: must be above 0, the variance of a state")
+    scale = np.sqrt(np.diag(covariance))
+    lowest = np.linalg.eigvalsh(covariance / np.outer(scale, scale))[0]
     skew = np.abs(covariance - covariance.T) - 1e-12 * np.outer(scale, scale)
     if skew.max(initial=0.0) > 0:
         i, j = (int(index) for index in np.unravel_index(int(skew.argmax()), skew.shape))

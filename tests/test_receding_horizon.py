@@ -105,6 +105,34 @@ def test_what_was_flown_is_rated_by_the_bound():
     assert f"{100 * (1 - rated.bound / flown.value):.3g} %" in rated.notes[-1]
 
 
+def test_what_broke_the_rules_when_flown_may_cost_less_than_all_that_keep_them():
+    """With all sensors on, where one at a time may be: no share is saved."""
+    everything = np.ones((6, 3), dtype=bool)
+    rated = od.select_for_filter(_SYSTEM, _path(), _BELIEF, flown=everything, **_KEYWORDS)
+    assert rated.compared[-1].value < rated.bound
+    assert rated.notes[-1].endswith(f"less than any schedule within the rules: these cost at least {rated.bound:.4g}")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"flown": np.full((6, 3), 2.0)}, "flown has the entry 2: must be true or false"),
+        ({"flown": np.zeros((5, 3))}, r"flown has shape \(5, 3\): must be \(6, 3\)"),
+        ({"segment": (0.0, 10.0, 5.0, 30.0)}, "segment has the time 5 s after 10 s: must rise"),
+        ({"segment": (0.0, 10.0, 10.0, 30.0)}, "segment has the time 10 s after 10 s: must rise"),
+        ({"segment": (5.0, 30.0)}, "segment goes from 5 s to 30 s: must rise from 0 s to 30 s"),
+        ({"segment": (0.0, 2.5, 30.0)}, "segment has the time 2.5 s: must be at a step of the path"),
+        ({"segment": 2.5}, "segment is 2.5 s: must be a whole multiple of the path's step"),
+        ({"over": -np.ones(30)}, "over has the entry -1"),
+        ({"over": np.zeros(30)}, "over is 0 everywhere"),
+        ({"disturbance_psd": (1.0, 1.0, -1.0, 0.0, 0.0)}, "disturbance_psd has the eigenvalue -1"),
+    ],
+)
+def test_what_cannot_be_meant_is_named(change: dict[str, object], message: str):
+    with pytest.raises(od.InputError, match=message):
+        od.select_for_filter(_SYSTEM, _path(), _BELIEF, **(_KEYWORDS | change))
+
+
 def test_doubled_sigmas_with_doubled_floor_double_the_deviations():
     """A state that only noise moves: sigma, floor and prior doubled make every covariance four times as large."""
     costs = []

@@ -166,8 +166,11 @@ def _no_schedule(question: FilterQuestion, is_proven: bool, is_cut: bool) -> Fil
 def require_schedule(what: str, schedule: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """Return a schedule (K, S) as bool, or raise InputError."""
     on = as_array(what, schedule)
-    if on.shape != shape or not np.isin(on, (0.0, 1.0)).all():
+    if on.shape != shape:
         raise InputError(f"{what} has shape {on.shape}: must be {shape}, true or false for each segment and sensor")
+    wrong = on[~np.isin(on, (0.0, 1.0))]
+    if wrong.size:
+        raise InputError(f"{what} has the entry {wrong[0]:g}: must be true or false for each segment and sensor")
     return on > 0
 
 
@@ -176,6 +179,8 @@ def with_flown(question: FilterQuestion, problem: PosteriorProblem, schedule: Fi
     value = question.schedule_cost(on) + problem.options.switching_of(on)
     saved = f"{100 * (1 - schedule.bound / value):.3g} % of it" if question.is_relative else f"{value - schedule.bound:.3g}"
     note = f"what was flown costs {value:.4g}: no schedule would have saved more than {saved}"
+    if value < schedule.bound:
+        note = f"what was flown costs {value:.4g}, less than any schedule within the rules: these cost at least {schedule.bound:.4g}"
     return replace(schedule, compared=(*schedule.compared, ComparedSchedule("what was flown", on, value)), notes=(*schedule.notes, note))
 
 

@@ -323,6 +323,10 @@ def segment_nodes(path: Trajectory, segment: float | Sequence[float]) -> np.ndar
         raise InputError(
             f"segment has the time {times[off][0]:g} s: must be at a step of the path (every {path.step:g} s from {path.t[0]:g} s)"
         )
-    if whole[0] != 0 or whole[-1] != steps or (np.diff(whole) <= 0).any():
+    falls = np.flatnonzero(np.diff(whole) <= 0)
+    if falls.size:
+        k = falls[0] + 1
+        raise InputError(f"segment has the time {times[k]:g} s after {times[k - 1]:g} s: must rise")
+    if whole[0] != 0 or whole[-1] != steps:
         raise InputError(f"segment goes from {times[0]:g} s to {times[-1]:g} s: must rise from {path.t[0]:g} s to {path.t[-1]:g} s")
     return whole
