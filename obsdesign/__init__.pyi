@@ -127,13 +127,18 @@ from .selection.schedule import upper_bound as upper_bound
 from .selection.sensor_loss import Loss as Loss
 from .selection.sensor_loss import sensor_losses as sensor_losses
 from .selection.solver import select_sensors as select_sensors
+from .sensors.airspeed import Airspeed as Airspeed
 from .sensors.bearing import Bearing as Bearing
 from .sensors.course import Course as Course
+from .sensors.depth import Depth as Depth
+from .sensors.doppler import Doppler as Doppler
 from .sensors.gps import GPS as GPS
 from .sensors.magnetometer import Magnetometer as Magnetometer
 from .sensors.range import Range as Range
 from .sensors.range_bearing import RangeBearing as RangeBearing
 from .sensors.speed_over_ground import SpeedOverGround as SpeedOverGround
+from .sensors.time_difference import TimeDifference as TimeDifference
+from .sensors.velocity_log import VelocityLog as VelocityLog
 from .signals import Signal as Signal
 from .status import Status as Status
 from .study.record import Study as Study
@@ -142,6 +147,8 @@ from .study.thinned_path import ThinnedPath as ThinnedPath
 from .trajectory import Trajectory as Trajectory
 from .vehicles.dubins import Dubins as Dubins
 from .vehicles.omnidirectional import Omnidirectional as Omnidirectional
+from .vehicles.second_order_unicycle import SecondOrderUnicycle as SecondOrderUnicycle
+from .vehicles.submersible import Submersible as Submersible
 from .vehicles.unicycle import Unicycle as Unicycle
 
 __version__: str

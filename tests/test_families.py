@@ -91,8 +91,33 @@ def slipping(start: tuple[float, ...], forward: float, sideways: float, turn_rat
     return state_at
 
 
+def speeding_up(
+    start: tuple[float, ...], acceleration: float, turn_rate: float, wind: tuple[float, float]
+) -> Callable[[float], np.ndarray]:
+    """Constant acceleration and turn rate: integrals of (v + a t) exp(i (h + w t)) by parts."""
+
+    def state_at(t: float) -> np.ndarray:
+        x, y, heading, speed, *rest = start
+        first, last = (v * cmath.exp(1j * h) for v, h in ((speed, heading), (speed + acceleration * t, heading + turn_rate * t)))
+        turned = cmath.exp(1j * (heading + turn_rate * t)) - cmath.exp(1j * heading)
+        moved = (last - first) / (1j * turn_rate) + acceleration * turned / turn_rate**2 + complex(*wind) * t
+        return np.array([x + moved.real, y + moved.imag, heading + turn_rate * t, speed + acceleration * t, *rest])
+
+    return state_at
+
+
+def diving(start: tuple[float, ...], speed: float, turn_rate: float, dive_rate: float, wind: tuple[float, float]) -> Callable:
+    """A circle, and a straight line down."""
+
+    def state_at(t: float) -> np.ndarray:
+        planar = on_a_circle(speed, turn_rate, start[:3], wind)(t)
+        return np.array([*planar, start[3] + dive_rate * t, *start[4:]])
+
+    return state_at
+
+
 AT_REST, IN_WIND, WIND = (1.0, -2.0, 0.4), (1.0, -2.0, 0.4, 3.0, -1.5), (3.0, -1.5)
-SLIPS = (0.7, -2.0, 0.1)
+SLIPS, ROLLING, SUNK = (0.7, -2.0, 0.1), (1.0, -2.0, 0.4, 6.0), (1.0, -2.0, 0.4, 12.0)
 VEHICLES = {
     "dubins": [
         Flight(od.Dubins(8.0), AT_REST, (0.5,), (), on_a_circle(8.0, 0.5, AT_REST, (0.0, 0.0))),
@@ -103,6 +128,18 @@ VEHICLES = {
         Flight(Omnidirectional(), AT_REST, (5.0, -3.0, 0.5), (), slipping(AT_REST, 5.0, -3.0, 0.5)),
         Flight(Omnidirectional("constant"), (*AT_REST, *SLIPS), (5.0, -3.0, 0.4), (), slipping((*AT_REST, *SLIPS), 5.7, -5.0, 0.5)),
         Flight(Omnidirectional("unknown"), AT_REST, (-4.0, 3.0, -0.6), SLIPS, slipping(AT_REST, -3.3, 1.0, -0.5)),
+    ],
+    "second_order_unicycle": [
+        Flight(od.SecondOrderUnicycle(), ROLLING, (0.5, 0.5), (), speeding_up(ROLLING, 0.5, 0.5, (0.0, 0.0))),
+        Flight(
+            od.SecondOrderUnicycle(wind="constant"), (*ROLLING, *WIND), (-1.0, 0.5), (), speeding_up((*ROLLING, *WIND), -1.0, 0.5, WIND)
+        ),
+        Flight(od.SecondOrderUnicycle(wind="unknown"), ROLLING, (0.5, -0.5), WIND, speeding_up(ROLLING, 0.5, -0.5, WIND)),
+    ],
+    "submersible": [
+        Flight(od.Submersible(), SUNK, (6.0, 0.5, -0.3), (), diving(SUNK, 6.0, 0.5, -0.3, (0.0, 0.0))),
+        Flight(od.Submersible(wind="constant"), (*SUNK, *WIND), (6.0, 0.5, 0.2), (), diving((*SUNK, *WIND), 6.0, 0.5, 0.2, WIND)),
+        Flight(od.Submersible(wind="unknown"), SUNK, (6.0, 0.5, 0.2), WIND, diving(SUNK, 6.0, 0.5, 0.2, WIND)),
     ],
     "unicycle": [
         Flight(od.Unicycle(), AT_REST, (6.0, 0.5), (), on_a_circle(6.0, 0.5, AT_REST, (0.0, 0.0))),
@@ -118,7 +155,7 @@ class Reading:
 
     sensor: AbstractSensor
     by_hand: Callable[[Mapping[str, float]], tuple[float, ...]]
-    landmark: tuple[float, float] | None = None
+    landmarks: tuple[tuple[float, float], ...] = ()
     vehicle: AbstractVehicle = dataclasses.field(default_factory=od.Unicycle)
     is_singular: bool = True
     states: tuple[Mapping[str, float], ...] = tuple(
@@ -150,38 +187,89 @@ def ground_velocity(state: Mapping[str, float]) -> complex:
     return 8.0 * cmath.exp(1j * state["heading"]) + complex(state["wind_x"], state["wind_y"])
 
 
+def through_water(state: Mapping[str, float]) -> complex:
+    return state["speed"] * cmath.exp(1j * state["heading"])
+
+
+def receding(state: Mapping[str, float], height: float = 0.0) -> tuple[float]:
+    """Derivative of the distance to the beacon along a straight line."""
+    velocity = through_water(state) + complex(state["wind_x"], state["wind_y"])
+    sight = complex(state["x"], state["y"]) - complex(*BEACON)
+    return ((sight.conjugate() * velocity).real / math.hypot(abs(sight), height),)
+
+
+def by_the_body(state: Mapping[str, float], turned: float) -> tuple[float, float]:
+    seen = ground_velocity(state) * cmath.exp(-1j * (state["heading"] + turned))
+    return seen.real, seen.imag
+
+
 ON_MAST: Any = {"lever_arm": (1.5, -0.5)}
 GLIDER = od.Dubins(8.0, wind="constant")
 GLIDES = tuple(
     {"x": 3.0, "y": -1.0, "heading": heading, "wind_x": east, "wind_y": north}
     for heading, east, north in ((0.4, 3.0, -1.0), (-2.5, 0.0, 5.0), (7.0, -2.0, 2.0))
 )
+REFERENCE = (-30.0, 60.0)
+SURGING = tuple({**state, "speed": speed} for state, speed in zip(GLIDES, (6.0, -2.0, 0.5), strict=True))
+SURGES = tuple({name: state[name] for name in ("x", "y", "heading", "speed", "wind_x", "wind_y")} for state in SURGING)
+DIVES = tuple(
+    {"x": x, "y": y, "heading": heading, "depth": depth} for x, y, heading, depth in ((3.0, -1.0, 0.4, 5.0), (90.0, 20.0, -2.5, 30.0))
+)
+DYNAMIC: Any = {"vehicle": od.SecondOrderUnicycle(wind="constant"), "states": SURGES}
 SENSORS = {
+    "airspeed": [Reading(od.Airspeed(0.5), lambda state: (abs(state["speed"]),), **DYNAMIC)],
     "bearing": [
-        Reading(od.Bearing(BEACON, 0.1), angle_to_beacon, BEACON),
-        Reading(od.Bearing(BEACON, 0.1, mounting_angle=0.7, **ON_MAST), angle_from_the_mast, BEACON, is_singular=False),
+        Reading(od.Bearing(BEACON, 0.1), angle_to_beacon, (BEACON,)),
+        Reading(od.Bearing(BEACON, 0.1, mounting_angle=0.7, **ON_MAST), angle_from_the_mast, (BEACON,), is_singular=False),
     ],
     "course": [Reading(od.Course(0.1), lambda state: (cmath.phase(ground_velocity(state)),), vehicle=GLIDER, states=GLIDES)],
+    "depth": [Reading(od.Depth(0.1), lambda state: (state["depth"],), vehicle=od.Submersible(), states=DIVES)],
+    "doppler": [
+        Reading(od.Doppler(BEACON, 0.1), receding, (BEACON,), **DYNAMIC),
+        Reading(od.Doppler(BEACON, 0.1, height=7.0), lambda state: receding(state, 7.0), (BEACON,), is_singular=False, **DYNAMIC),
+    ],
     "gps": [Reading(od.GPS(2.0), lambda state: (state["x"], state["y"]))],
     "magnetometer": [Reading(od.Magnetometer(0.2), lambda state: (state["heading"],))],
     "range": [
-        Reading(od.Range(BEACON, 1.0), lambda state: (math.hypot(state["x"] - BEACON[0], state["y"] - BEACON[1]),), BEACON),
-        Reading(od.Range(BEACON, 1.0, height=-6.0, **ON_MAST), distance_from_the_mast, BEACON, is_singular=False),
+        Reading(od.Range(BEACON, 1.0), lambda state: (math.hypot(state["x"] - BEACON[0], state["y"] - BEACON[1]),), (BEACON,)),
+        Reading(od.Range(BEACON, 1.0, height=-6.0, **ON_MAST), distance_from_the_mast, (BEACON,), is_singular=False),
     ],
     "range_bearing": [
         Reading(
             od.RangeBearing(BEACON, 1.0, bearing_sigma=0.05),
             lambda state: (math.hypot(state["x"] - BEACON[0], state["y"] - BEACON[1]), *angle_to_beacon(state)),
-            BEACON,
+            (BEACON,),
         ),
         Reading(
             od.RangeBearing(BEACON, 1.0, bearing_sigma=0.05, mounting_angle=0.7, height=6.0, **ON_MAST),
             lambda state: (*distance_from_the_mast(state), *angle_from_the_mast(state)),
-            BEACON,
+            (BEACON,),
             is_singular=False,
         ),
     ],
     "speed_over_ground": [Reading(od.SpeedOverGround(0.2), lambda state: (abs(ground_velocity(state)),), vehicle=GLIDER, states=GLIDES)],
+    "time_difference": [
+        Reading(
+            od.TimeDifference(BEACON, 0.3, reference=REFERENCE),
+            lambda state: (math.dist((state["x"], state["y"]), BEACON) - math.dist((state["x"], state["y"]), REFERENCE),),
+            (BEACON, REFERENCE),
+        ),
+        Reading(
+            od.TimeDifference(BEACON, 0.3, reference=REFERENCE, height=-2.0, reference_height=3.0),
+            lambda state: (
+                math.dist((state["x"], state["y"], -state["depth"]), (*BEACON, -2.0))
+                - math.dist((state["x"], state["y"], -state["depth"]), (*REFERENCE, 3.0)),
+            ),
+            (BEACON, REFERENCE),
+            od.Submersible(),
+            is_singular=False,
+            states=DIVES,
+        ),
+    ],
+    "velocity_log": [
+        Reading(od.VelocityLog(0.1), lambda state: by_the_body(state, 0.0), vehicle=GLIDER, states=GLIDES),
+        Reading(od.VelocityLog(0.1, mounting_angle=0.3), lambda state: by_the_body(state, 0.3), vehicle=GLIDER, states=GLIDES),
+    ],
 }
 
 LOW, HIGH = np.array([-0.5, 2.0]), np.array([0.5, 9.0])
@@ -529,9 +617,8 @@ def test_the_derivatives_of_a_sensor_are_its_central_differences(kind: str):
 @each("SENSORS")
 def test_the_landmark_of_a_sensor_is_where_its_outputs_have_no_derivative(kind: str):
     for reading in examples("SENSORS", kind):
-        assert reading.sensor.landmark == reading.landmark
-        if reading.landmark is not None and reading.is_singular:
-            x, y = reading.landmark
+        assert reading.sensor.landmarks == reading.landmarks
+        for x, y in reading.landmarks if reading.is_singular else ():
             _, C = measured(reading, {**reading.states[0], "x": x, "y": y})
             assert not np.isfinite(C).all()
 
@@ -565,7 +652,7 @@ def test_a_sensor_brings_its_name_noise_rate_and_landmark_into_a_system(kind: st
             assert variance[0] == pytest.approx(sensor.sigma**2, rel=1e-14)
             assert len(variance) in {1, len(sensor.outputs)}
             assert float(channel.noise.gate) == 1.0
-            assert (channel.rate, channel.landmark) == (2.0, sensor.landmark)
+            assert (channel.rate, channel.landmarks) == (2.0, sensor.landmarks)
             assert channel.h.shape == (len(sensor.outputs), 1)
 
 

@@ -54,14 +54,14 @@ class Noise:
 
 @dataclass(frozen=True)
 class Channel:
-    """One sensor of a model: outputs h (q, 1) of the state, its noise, rate [Hz] and landmark [m]."""
+    """One sensor of a model: outputs h (q, 1) of the state, its noise, rate [Hz] and landmarks [m]."""
 
     name: str
     outputs: tuple[Signal, ...]
     h: ca.SX
     noise: Noise
     rate: float | None = None
-    landmark: Point | None = None
+    landmarks: tuple[Point, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class Model:
     @property
     def landmarks(self) -> tuple[Point, ...]:
         """Distinct points that sensors look at."""
-        return tuple(dict.fromkeys(channel.landmark for channel in self.channels if channel.landmark is not None))
+        return tuple(dict.fromkeys(point for channel in self.channels for point in channel.landmarks))
 
     @property
     def noise_scale(self) -> ca.SX | float:

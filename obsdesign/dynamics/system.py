@@ -113,7 +113,7 @@ def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
         outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
         spread, gate = _spread_of(system, name, spread), gate if sensor.detection == 1 else sensor.detection * gate
         noise = Noise(spread, gate, sensor.inflation, sensor.bias_floor, sensor.correlation, sensor.detection)
-        yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmark)
+        yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmarks)
 
 
 def _rates(vehicle: AbstractVehicle, x: ca.SX) -> dict[str, ca.SX]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 
 import obsdesign.criteria
 from obsdesign.checks import whole_multiple
@@ -295,10 +296,11 @@ def _position_problems(scenario: Scenario) -> Iterator[Problem]:
     if not {"x", "y"} <= scenario.start.keys():
         return
     x, y = scenario.start["x"], scenario.start["y"]
-    landmarks = [sensor.landmark for sensor in scenario.sensors if sensor.landmark is not None]
+    landmarks = [point for sensor in scenario.sensors for point in sensor.landmarks]
     for i, sensor in enumerate(scenario.sensors):
-        if sensor.landmark == (x, y):
-            yield Problem(("sensors", i, "beacon"), f"is {[x, y]}: must not lie on the start, where the sensor has no derivative")
+        if (x, y) in sensor.landmarks:
+            key = next(field.name for field in fields(sensor) if getattr(sensor, field.name) == (x, y))
+            yield Problem(("sensors", i, key), f"is {[x, y]}: must not lie on the start, where the sensor has no derivative")
     if (x, y) not in landmarks:
         yield from _start_problems(scenario, Moment(scenario.start, {}, {}, landmarks))
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_positive
 from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.signals import Point
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -26,9 +27,9 @@ class AbstractOnboard(AbstractSensor, ABC):
         require_positive(f"{self.name}: sigma", self.sigma)
 
     @property
-    def landmark(self) -> None:
-        """None: nothing is looked at."""
-        return None
+    def landmarks(self) -> tuple[Point, ...]:
+        """Nothing is looked at."""
+        return ()
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return sigma, everywhere."""

@@ -56,8 +56,8 @@ class AbstractSensor(ABC):
 
     @property
     @abstractmethod
-    def landmark(self) -> Point | None:
-        """Where the thing stands that the sensor looks at [m], or None; outputs may be singular there."""
+    def landmarks(self) -> tuple[Point, ...]:
+        """Where the things stand that the sensor looks at [m]; outputs may be singular there."""
 
     @abstractmethod
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:

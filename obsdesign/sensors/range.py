@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.sensors._beacon import AbstractBeaconSensor
+from obsdesign.sensors._beacon import AbstractSingleBeacon
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @validate_arguments
 @dataclass(frozen=True, kw_only=True)
-class Range(AbstractBeaconSensor):
+class Range(AbstractSingleBeacon):
     """Distance to a beacon: h = |beacon - sensor| [m].
 
     Source: Brace and Morgansen, Table I.
@@ -36,7 +36,7 @@ class Range(AbstractBeaconSensor):
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return |beacon - sensor|."""
-        return (self.distance(state),)
+        return (self.distance(self.only_beacon, state),)
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return sqrt(sigma^2 + (sigma_per_metre r)^2)."""

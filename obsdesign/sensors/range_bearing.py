@@ -45,4 +45,4 @@ class RangeBearing(AbstractDirectionSensor):
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return the distance, and atan2(beacon - sensor) - heading - mounting_angle."""
-        return (self.distance(state), self.direction(state))
+        return (self.distance(self.only_beacon, state), self.direction(state))

@@ -1,4 +1,4 @@
-"""What Dubins and Unicycle share: the state (x, y, heading) and the three ways in which wind enters it."""
+"""What Dubins, Unicycle and their like share: the state (x, y, heading, ...) and the three ways in which wind enters it."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def unit_field(x: ca.SX, index: int) -> ca.SX:
 
 
 def wind_drift(x: ca.SX, wind: Wind | None) -> ca.SX:
-    """Drift by the wind: (wind_x, wind_y, 0, ...) where the wind is a state, else 0."""
+    """Drift by the wind: (wind_x, wind_y, 0, ...) where the wind is a state, one of the last two, else 0."""
     import casadi as ca
 
     n = x.numel()
-    return ca.vertcat(x[3], x[4], ca.SX.zeros(n - 2)) if wind == "constant" else ca.SX.zeros(n)
+    return ca.vertcat(x[n - 2], x[n - 1], ca.SX.zeros(n - 2)) if wind == "constant" else ca.SX.zeros(n)
 
 
 def wind_fields(x: ca.SX, wind: Wind | None) -> tuple[ca.SX, ...]:

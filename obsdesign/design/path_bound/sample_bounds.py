@@ -45,11 +45,11 @@ def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBou
     known = _diagonal_above(np.asarray(problem.known))
     amounts, readings, left_out = _amounts(problem, system), [], []
     for s, (name, sensor) in enumerate(zip(system.sensor_names, system.sensors, strict=True)):
-        distances = None if sensor.landmark is None else nearest_distances(problem, motion, sensor.landmark)
+        distances = nearest_distances(problem, motion, sensor.landmarks[0]) if sensor.landmarks else None
         precision, words = _precision(system, name, sensor, distances)
         reading = _reading(sensor, amounts[:, s] * precision, distances)
         readings.append(reading)
-        left_out += [*words, *([] if sensor.landmark is None else [f"that {name} sees one direction at a time, and how far the beacon is"])]
+        left_out += [*words, *([] if distances is None else [f"that {name} sees one direction at a time, and how far the beacon is"])]
     plain = sum((reading.position for reading in readings if reading.landmark is None), np.zeros(problem.steps))
     positions, heading = _outer_weights(readings, plain, problem.steps)
     if np.count_nonzero(np.asarray(problem.known) - np.diag(np.diag(np.asarray(problem.known)))):
@@ -84,13 +84,13 @@ def _reading(sensor: AbstractSensor, precision: np.ndarray, distances: np.ndarra
         is_position = isinstance(sensor, GPS)
         return _Reading(None, precision if is_position else none, none, none, none if is_position else precision)
     if isinstance(sensor, Range):
-        return _Reading(sensor.landmark, none, precision, none, none)
+        return _Reading(sensor.landmarks[0], none, precision, none, none)
     if (precision[distances <= 0] > 0).any():
         raise InputError(
             "a path may come as near to the beacon as it likes, where a bearing's information has no limit: a StandOff gives it one"
         )
     across = precision / np.where(distances > 0, distances, 1.0) ** 2
-    return _Reading(sensor.landmark, none, none, across, precision, is_mixed=True)
+    return _Reading(sensor.landmarks[0], none, none, across, precision, is_mixed=True)
 
 
 def _outer_weights(readings: list[_Reading], plain: np.ndarray, steps: int) -> tuple[np.ndarray, float]:

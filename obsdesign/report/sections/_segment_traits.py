@@ -45,16 +45,16 @@ def segment_traits(study: Study) -> SegmentTraits:
         rates = np.abs(np.diff(path.x[:, scenario.state_names.index("heading")])) / path.step
         mean = np.add.reduceat(rates, nodes[:-1]) / np.diff(nodes)
         turning = mean > max(TURN_THRESHOLD * float(mean.max()), _SLOWEST)
-    landmarks = [sensor.landmark for sensor in scenario.sensors]
+    landmarks = [sensor.landmarks for sensor in scenario.sensors]
     near = np.zeros((len(seconds), len(landmarks)), dtype=bool)
     if {"x", "y"} <= set(scenario.state_names):
         positions = path.x[:, [scenario.state_names.index(name) for name in ("x", "y")]]
         middle = np.array([positions[first : last + 1].mean(axis=0) for first, last in pairwise(nodes)])
-        for s, landmark in enumerate(landmarks):
-            if landmark is not None:
-                distance = np.hypot(*(middle - landmark).T)
+        for s, points in enumerate(landmarks):
+            if points:
+                distance = np.min([np.hypot(*(middle - point).T) for point in points], axis=0)
                 near[:, s] = distance < np.median(distance)
-    return SegmentTraits(turning, near, tuple(landmark is not None for landmark in landmarks), seconds)
+    return SegmentTraits(turning, near, tuple(bool(points) for points in landmarks), seconds)
 
 
 def usage_in_words(study: Study) -> str:
