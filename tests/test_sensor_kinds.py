@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import casadi as ca
 import numpy as np
 import pytest
 from by_hand import slopes
@@ -114,6 +115,19 @@ def test_at_zero_speed_a_log_of_the_body_and_a_doppler_still_tell_the_speed():
     assert W.only("velocity_log").total[3, 3] == pytest.approx(1 / 0.5**2, rel=1e-12)
     assert W.only("doppler").total[3, 3] == pytest.approx(along**2 / 0.1**2, rel=1e-12)
     np.testing.assert_array_equal(np.delete(np.delete(W.total, 3, 0), 3, 1), 0)
+
+
+def test_a_doppler_beside_the_position_moves_with_the_turn():
+    """h is the derivative of the distance of a sensor on a lever arm that turns and drives, by differences of the range."""
+    fields = {"beacon": HERE, "sigma": 1.0, "lever_arm": (1.5, -0.7), "height": 3.0}
+
+    def state(t: float) -> dict[str, ca.SX]:
+        numbers = {"x": 3 + 5 * t, "y": -1 + 2 * t, "heading": 0.4 + 0.8 * t, "x_rate": 5.0, "y_rate": 2.0, "heading_rate": 0.8}
+        return {name: ca.SX(value) for name, value in numbers.items()}
+
+    found = float(od.Doppler(**fields).measure(state(0.0))[0])
+    expected = slopes(lambda t: float(od.Range(**fields).measure(state(float(t[0])))[0]), np.zeros(1))[0]
+    assert found == pytest.approx(expected, rel=1e-10)
 
 
 # ---------------------------------------------------------------- the same in information, filters and logs

@@ -85,14 +85,18 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
 
     def offset(self, place: Point, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
         """Return place - sensor, east and north [m]."""
+        east, north = place[0] - state["x"], place[1] - state["y"]
+        if not any(self.lever_arm):
+            return east, north
+        arm_east, arm_north = self._arm(state["heading"])
+        return east - arm_east, north - arm_north
+
+    def _arm(self, heading: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """From the position to the sensor, east and north [m]."""
         import casadi as ca
 
-        east, north = place[0] - state["x"], place[1] - state["y"]
-        forward, left = self.lever_arm
-        if not (forward or left):
-            return east, north
-        cosine, sine = ca.cos(state["heading"]), ca.sin(state["heading"])
-        return east - (forward * cosine - left * sine), north - (forward * sine + left * cosine)
+        (forward, left), cosine, sine = self.lever_arm, ca.cos(heading), ca.sin(heading)
+        return forward * cosine - left * sine, forward * sine + left * cosine
 
     def square_distance(self, beacon: Beacon, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return r^2 [m^2]."""
@@ -110,9 +114,8 @@ class AbstractBeaconSensor(AbstractSensor, ABC):
         east, north = self.offset(beacon.place, state)
         x_rate, y_rate = state["x_rate"], state["y_rate"]
         if any(self.lever_arm):
-            # offset from (x, y) to the sensor, turned by a right angle, times the turn rate
-            arm_east, arm_north = self.offset((0.0, 0.0), {"x": 0.0, "y": 0.0, "heading": state["heading"]})
-            x_rate, y_rate = x_rate + arm_north * state["heading_rate"], y_rate - arm_east * state["heading_rate"]
+            arm_east, arm_north = self._arm(state["heading"])
+            x_rate, y_rate = x_rate - arm_north * state["heading_rate"], y_rate + arm_east * state["heading_rate"]
         rate = -(east * x_rate + north * y_rate)
         vertical = _vertical(beacon, state)
         return rate if vertical is None or "depth" not in state else rate + vertical * state["depth_rate"]
