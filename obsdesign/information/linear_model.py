@@ -122,9 +122,10 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
 
 
 def _whiten(rows: np.ndarray, variance: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return rows (N, q, n) over the root of their white variance (N, q), 0 where there is no sample."""
+    """Return rows (N, q, n) over the root of their white variance (N, q), as often as samples count, 0 where there is none."""
     is_sampled = (weights > 0) & (variance < np.inf)
-    return np.where(is_sampled[:, :, None], rows, 0.0) / np.sqrt(np.where(is_sampled, variance, 1.0))[:, :, None]
+    of_all = np.where(is_sampled, variance, 1.0) / np.where(is_sampled, weights, 1.0)
+    return np.where(is_sampled[:, :, None], rows, 0.0) / np.sqrt(of_all)[:, :, None]
 
 
 def _white_part(nuisance: NuisanceStates, outputs: int) -> np.ndarray:

@@ -218,7 +218,7 @@ def _certify(
         walk.value,
         bound,
         remaining,
-        question.deviations(chosen),
+        question.deviations(chosen)[question.path_nodes],
         Status.OPTIMAL if remaining <= max(gap, _EXACT) else Status.GAP_OPEN,
         answer.bound_by,
         worth.memory,

@@ -39,7 +39,7 @@ def certify(
         value,
         bound,
         remaining,
-        predicted,
+        predicted[question.path_nodes],
         status_of_gap(remaining, gap),
         answer.bound_by,
         worth.memory,
@@ -95,7 +95,7 @@ def certify_schedule(
 def failed_schedule(question: FilterQuestion, status: Status, reason: str) -> FilterSchedule:
     """Return the record without an answer to a question."""
     boundaries = question.path.t[question.nodes]
-    steps, states = question.path.x[:-1].shape
+    steps, states = len(question.path_nodes), question.path.x.shape[1]
     return schedule_without_answer(question.system.model.sensor_names, boundaries, steps, states, status, reason)
 
 

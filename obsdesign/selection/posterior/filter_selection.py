@@ -14,6 +14,7 @@ from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.criteria.trace_inverse import TraceInverse
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.errors import InputError, SolveError
+from obsdesign.logs.log import Log
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import AbstractRule
@@ -60,6 +61,7 @@ def select_for_filter(
     time_limit: float | None = None,
     seed: int = 0,
     throw: bool = True,
+    samples: Log | None = None,
 ) -> FilterSchedule:
     """Choose which sensors are on in which segment so that a filter knows most along the way, with a bound on every schedule.
 
@@ -82,6 +84,8 @@ def select_for_filter(
         criterion: TraceInverse() (None): the trace of P; MinEigenvalue(): its largest eigenvalue; LogDet(): its log det.
         scale (n,): what counts as one unit of each state; None = ones.
         active (N, S): which samples arrive where a sensor is on; None = all. A segment in which nobody answers is coasted through.
+            Needed where steps are of different lengths and sensors have rates; a segment then begins with the first instant at or
+            after its time, and the mean is over time.
         rules: what schedules have to keep, and what switching costs, in the cost's unit.
         floor: sensor -> what its mean error within a segment never falls below, in the unit of its outputs, as `fit_floor` finds it for a
             sensor that is less sure than its model: each of its n samples of a segment counts as one of its own of standard deviation
@@ -95,6 +99,8 @@ def select_for_filter(
             holds. None = never: so much work is done, the same on every machine.
         seed: seed of the random schedules that are compared.
         throw: False = return the failed record instead of raising SolveError.
+        samples: a log, of whose samples those of sensors that are on count, each at its own time, whatever a gate says; with active, those
+            of sensors that may be on from t_k to t_k+1. `predicted` is then behind all samples of its time. None = those of `active`.
     Raises InputError for what does not fit, SolveError where no schedule keeps the rules.
     Source of the bounds: docs/selection.md.
     """
@@ -106,7 +112,7 @@ def select_for_filter(
     if robust_to and flown is not None:
         raise InputError(f"flown is given with robust_to {robust_to}: what was flown has lost no sensor; leave one of them out")
     judged_by = criterion or TraceInverse()
-    settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, judged_by, scale, active, floor, input_psd)
+    settings = FilterSettings(segment, disturbance_psd, unknown_inputs, about, over, judged_by, scale, active, floor, input_psd, samples)
     question = build_question(system, path, prior, settings)
     on = None if flown is None else require_schedule("flown", flown, question.answers.shape)
     options = build_options(tuple(rules), per_segment, question.segments, question.answers)

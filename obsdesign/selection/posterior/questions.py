@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from obsdesign.checks import as_array, require_known, require_positive, require_within, whole_multiple
+from obsdesign.checks import as_array, require_known, require_within
 from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.path_segments import segments_along
@@ -17,25 +17,27 @@ from obsdesign.errors import InputError
 from obsdesign.information.backward_pass import require_trace
 from obsdesign.information.information_update import Disturbance
 from obsdesign.information.linear_model import LinearModel, linear_model_of
-from obsdesign.information.posterior import disturbance_of, weights_of
+from obsdesign.information.posterior import disturbance_of
 from obsdesign.information.root_recursion import posterior_roots
+from obsdesign.logs.log import Log
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
 from obsdesign.rules.abstract import Segments
+from obsdesign.selection.posterior.filter_path import filter_path, segment_nodes, weights_over
 from obsdesign.selection.posterior.instant_costs import InstantCosts
 from obsdesign.trajectory import Trajectory
 
 UNKNOWN_SPREADS = (1e3 / 3, 1e4 / 3, 1e5 / 3, 1e6 / 3)  # no round numbers: what rounding does has to show
 """What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
 _FAR_APART = 1e100  # times a standard deviation at first: what may count as one unit at most, and one part of it at least
-_ON_A_STEP = 1e-6  # of a step: how far from one a boundary may be
 
 
 @dataclass(frozen=True, eq=False)
 class FilterQuestion:
     """A run, what is known and what moves the state, and which segments may have which samples.
 
-    nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): which samples arrive where a sensor is on;
+    nodes (K+1,): where segments begin and end, counted in steps; arrivals (N, S): how often samples count where a sensor is on, 0 without
+    one; path_nodes: which of the N instants are those of the path that was given;
     unknown_spread: how many of the prior's deviations an unknown input moves some state by in a step, in place of any distance; floors
     (S,): what the mean error of a sensor within a segment never falls below, 0 = nothing, which counts where schedules are chosen;
     unknown_error: the share of a cost that rounding adds to it with that spread. notes: what is said of all this in the answer.
@@ -51,6 +53,7 @@ class FilterQuestion:
     nodes: np.ndarray
     costs: InstantCosts
     floors: np.ndarray
+    path_nodes: np.ndarray
     unknown_spread: float = UNKNOWN_SPREADS[0]
     unknown_error: float = 0.0
     notes: tuple[str, ...] = ()
@@ -112,7 +115,7 @@ class FilterQuestion:
 
     def roots(self, chosen: np.ndarray) -> np.ndarray:
         """Return R (N, n, n), R'R the information about x(t_k) after the samples at t_k of a schedule (K, S); 0 where numbers run away."""
-        active = self.active(chosen).astype(float)
+        active = self.active(chosen) * self.arrivals
         try:
             return posterior_roots(self.system, self.path, self.prior, self.disturbance, active)[:-1]
         except InputError:  # what is unstable was not seen for too long: nothing is known; derivatives were asked for with the model
@@ -227,31 +230,33 @@ class FilterSettings:
     active: np.ndarray | None
     floor: Mapping[str, float] | None
     input_psd: InputPsd = None
+    samples: Log | None = None
 
 
 def build_question(system: AbstractSystem, path: Trajectory, prior: Prior, settings: FilterSettings) -> FilterQuestion:
     """Return what is asked, or raise InputError for what does not fit."""
     names = system.model.state_names
-    arrivals = weights_of(system, path, settings.active)
+    run = filter_path(system, path, settings.active, settings.samples)
     if settings.criterion.knowledge is not None:
         raise InputError(f"criterion is {type(settings.criterion).__name__}: must be TraceInverse(), MinEigenvalue() or LogDet()")
-    weights, is_worst = _weights(settings.over, path.steps)
+    weights, is_worst = weights_over(settings.over, run)
     places = _places(names, settings.about)
     costs = InstantCosts(settings.criterion, places, _scale(settings.scale, names, prior)[places], weights, is_worst)
     question = FilterQuestion(
-        system,
-        path,
+        run.system,
+        run.path,
         prior,
         settings.disturbance_psd,
         tuple(settings.unknown_inputs),
         settings.input_psd,
-        arrivals,
-        segment_nodes(path, settings.segment),
+        run.arrivals,
+        segment_nodes(run.path, settings.segment),
         costs,
         _floors(settings.floor, system.model.sensor_names),
+        run.nodes,
     )
     if question.disturbance.unknown:
-        require_trace(system, path, question.disturbance, arrivals)
+        require_trace(run.system, run.path, question.disturbance, run.arrivals)
     return question
 
 
@@ -286,47 +291,3 @@ def _scale(scale: ArrayLike | None, names: tuple[str, ...], prior: Prior) -> np.
         limits = f"{prior.std[i] / _FAR_APART:.3g} to {prior.std[i] * _FAR_APART:.3g}"
         raise InputError(f"scale of {names[i]} is {values[i]:g}: must be from {limits}, or squares of what is known in it are no numbers")
     return values
-
-
-def _weights(over: Over, steps: int) -> tuple[np.ndarray, bool]:
-    """Return the weights of instants (N,), and whether the largest cost counts instead of their sum."""
-    if isinstance(over, str):
-        if over not in ("mean", "worst", "end"):
-            raise InputError(f"over is {over!r}: must be 'mean', 'worst', 'end', or a weight for each of the {steps} instants with samples")
-        return (np.eye(steps)[-1] if over == "end" else np.full(steps, 1.0 if over == "worst" else 1 / steps)), over == "worst"
-    weights = as_array("over", over)
-    if weights.shape != (steps,):
-        raise InputError(f"over has shape {weights.shape}: must be ({steps},), one weight for each instant with samples")
-    if not (np.isfinite(weights).all() and (weights >= 0).all() and weights.any()):
-        wrong = weights[~(np.isfinite(weights) & (weights >= 0))]
-        shown = f"has the entry {wrong[0]:g}" if len(wrong) else "is 0 everywhere"
-        raise InputError(f"over {shown}: weights must be finite numbers of at least 0, not all of them 0")
-    return weights, False
-
-
-def segment_nodes(path: Trajectory, segment: float | Sequence[float]) -> np.ndarray:
-    """Return where segments begin and end (K+1,), in steps: every `segment` seconds, the last may be shorter, or at given times."""
-    steps = path.steps
-    if isinstance(segment, int | float) or np.ndim(segment) == 0:
-        require_positive("segment", float(segment))  # pyright: ignore[reportArgumentType]
-        count = whole_multiple(float(segment), path.step)  # pyright: ignore[reportArgumentType]
-        if count is None:
-            raise InputError(f"segment is {segment!r} s: must be a whole multiple of the path's step ({path.step:g} s)")
-        return np.append(np.arange(0, steps, count), steps)
-    times = as_array("segment", segment)
-    if times.ndim != 1 or len(times) < 2 or not np.isfinite(times).all():
-        raise InputError(f"segment has shape {times.shape}: must be a length in seconds, or two or more times at which segments meet")
-    nodes = (times - path.t[0]) / path.step
-    whole = np.round(nodes).astype(int)
-    off = np.abs(nodes - whole) > _ON_A_STEP
-    if off.any():
-        raise InputError(
-            f"segment has the time {times[off][0]:g} s: must be at a step of the path (every {path.step:g} s from {path.t[0]:g} s)"
-        )
-    falls = np.flatnonzero(np.diff(whole) <= 0)
-    if falls.size:
-        k = falls[0] + 1
-        raise InputError(f"segment has the time {times[k]:g} s after {times[k - 1]:g} s: must rise")
-    if whole[0] != 0 or whole[-1] != steps:
-        raise InputError(f"segment goes from {times[0]:g} s to {times[-1]:g} s: must rise from {path.t[0]:g} s to {path.t[-1]:g} s")
-    return whole
