@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -238,8 +239,10 @@ def test_a_climb_that_fails_leaves_the_path_that_was_known(planner: Planner, fir
     if failure in ("raises", "not a number", "nothing at all"):  # the same without anything known
         require_honest(planner.step(START), START)
     monkeypatch.undo()  # and the next step recovers
-    recovered = planner.step(flown(x, plan, 1.0), plan)
-    assert recovered.feasible and recovered.value >= 0.9 * PROBLEM.value(od.simulate(SYSTEM, x, rest(first, 4), PROBLEM.step))
+    x = flown(x, plan, 1.0)
+    recovered, held = planner.step(x, plan), od.simulate(SYSTEM, x, rest(plan, 4), PROBLEM.step)
+    assert recovered.feasible
+    assert recovered.value >= PROBLEM.value(held) * (1 - 1e-9) or not is_feasible(replace(PROBLEM, start=x), held)
 
 
 def test_a_better_path_that_breaks_a_limit_is_not_taken(monkeypatch: pytest.MonkeyPatch):
@@ -517,12 +520,13 @@ def loop(planner: Planner, steps: int, seconds: float) -> list[Plan]:
 
 
 def test_a_few_iterations_a_step_achieve_what_solving_each_step_to_the_end_does(planner: Planner):
-    plans = loop(planner, 60, 1.0)
-    for plan in plans:
+    """From the same plan at the same place: loops of their own come to different optima, whose values say nothing of the iterations."""
+    thorough, plans, shares = replace(planner, iterations=60, enough=1e-9), loop(planner, 30, 1.0), []
+    for before, plan in pairwise(plans):
         require_honest(plan, plan.x0)
         assert plan.feasible, plan.reason
-    to_the_end = loop(replace(planner, iterations=60, enough=1e-9), 12, 1.0)
-    assert np.mean([plan.value for plan in plans]) >= 0.95 * np.mean([plan.value for plan in to_the_end])
+        shares.append(plan.value / thorough.step(plan.x0, before).value)
+    assert np.median(shares) >= 0.95
 
 
 def test_more_iterations_climb_higher(planner: Planner):

@@ -21,6 +21,8 @@ from obsdesign.progress import StageReport
 _LOGGER = getLogger(__name__)
 _MAX_SKIPPED = 20  # starts without a value that are left out; after so many the others are tried all the same
 _FIRST = 3  # with a floor: climbs that must not all end without an answer
+# coarse optima are the same where values are, or where values are near and parameters within this share of the box
+_SAME_VALUE, _NEAR_VALUE, _SAME_PLACE = 1e-4, 1e-2, 0.05
 _NEAR_BEST, _MAX_REFINED = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
 
 
@@ -70,7 +72,8 @@ def _refine(
 ) -> tuple[LocalSolution, ...]:
     """Climb on from the best of the coarse paths through the finer families."""
     apply = map if executor is None else executor.map
-    selected = _best_distinct(coarse, target)
+    lower, upper = families[0].box(problem.grid)
+    selected = _best_distinct(coarse, target, upper - lower)
     tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in selected]
     return tuple(
         replace(solution, iterations=solution.iterations + coarse_solution.iterations)
@@ -95,19 +98,24 @@ def usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.n
             skipped += 1
 
 
-def _best_distinct(coarse: Sequence[LocalSolution], target: float) -> list[LocalSolution]:
-    """Return the best few distinct coarse optima that are near enough to an objective that is there; where there is none, the first few."""
+def _best_distinct(coarse: Sequence[LocalSolution], target: float, width: np.ndarray) -> list[LocalSolution]:
+    """Return the best few distinct coarse optima that are near enough to an objective that is there; where there is none, the first few.
+
+    width (q,): of the box of the coarse family.
+    """
     successful = sorted((solution for solution in coarse if solution.status.has_answer), key=lambda solution: -solution.objective)
     if not successful:
         return list(coarse[: 0 if np.isfinite(target) else _MAX_REFINED])
     lowest = near_best(max(target, successful[0].objective))
     selected: list[LocalSolution] = []
     for candidate in successful:
-        is_same = any(_is_same_value(candidate.objective, earlier.objective) for earlier in selected)
+        is_same = any(_is_same_optimum(candidate, earlier, width) for earlier in selected)
         if candidate.objective >= lowest and len(selected) < _MAX_REFINED and not is_same:
             selected.append(candidate)
     return selected
 
 
-def _is_same_value(a: float, b: float) -> bool:
-    return abs(a - b) <= 1e-4 * max(abs(a), abs(b))
+def _is_same_optimum(a: LocalSolution, b: LocalSolution, width: np.ndarray) -> bool:
+    """Whether two coarse solves, neither of which is exact, were about to end in the same place."""
+    difference = abs(a.objective - b.objective) / max(abs(a.objective), abs(b.objective), np.finfo(float).tiny)
+    return difference <= _SAME_VALUE or (difference <= _NEAR_VALUE and bool((np.abs(a.p - b.p) <= _SAME_PLACE * width).all()))

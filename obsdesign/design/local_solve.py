@@ -20,7 +20,7 @@ from obsdesign.trajectory import Trajectory
 
 # rounds of climbing again with tighter rows, and what is added in each for every shortfall: more where little has not helped
 _ALLOWANCE_FACTORS = (1.1, 1.1, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
-_COARSE_TOLERANCE = 1e-5  # tolerance where a finer climb follows
+_COARSE_TOLERANCE = 1e-4  # tolerance where a finer climb follows
 
 
 @dataclass(frozen=True, eq=False)

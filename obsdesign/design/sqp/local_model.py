@@ -125,46 +125,58 @@ def second_order_correction(
     model: LocalModel, solution: ModelSolution, trial: Iterate, scaling: MeritScaling, radius: float
 ) -> np.ndarray | None:
     """Return the step again, with limits and matrices as they turned out at its end (second-order correction)."""
-    evaluation, derivatives, d = trial.evaluation, model.derivatives, solution.d
-    base = _BasePoint(
-        evaluation.matrices - np.tensordot(d, derivatives.matrices, (0, 1)),
-        trial.floors - np.tensordot(d, model.floor_derivatives, (0, 1)),
-        evaluation.rows - derivatives.rows @ d,
-        model.merit_function.objective.values(evaluation.matrices) / scaling.unit - model.epigraph_jacobian @ d
-        if len(model.epigraph_rows)
-        else model.epigraph_rows,
-    )
+    base = _base_after(model, solution.d, trial, scaling)
     qp_solution = minimise(_conic_qp(model, base, solution.row_indices, scaling, radius), _QP_TOLERANCE)
     return None if qp_solution is None else qp_solution.d
 
 
-def active_set_step(model: LocalModel, solution: ModelSolution, scaling: MeritScaling, radius: float) -> np.ndarray | None:
-    """Return Newton's step on what the model's solution holds active, with all of the curvature; None where it leaves the region."""
-    evaluation, qp_solution, width = model.iterate.evaluation, solution.qp_solution, model.merit_function.width
+def active_set_step(
+    model: LocalModel,
+    solution: ModelSolution,
+    scaling: MeritScaling,
+    radius: float,
+    *,
+    uses_all_curvature: bool,
+    earlier: tuple[np.ndarray, Iterate] | None = None,
+) -> np.ndarray | None:
+    """Return the best step on what the model's solution holds active, by linear equations alone; None where it leaves the region.
+
+    uses_all_curvature: Newton's step; else with what of the curvature the model has. earlier: a step d (q,) and where it led to; limits and
+    matrices are taken as they turned out there.
+    """
+    base = _base_point(model) if earlier is None else _base_after(model, earlier[0], earlier[1], scaling)
+    qp_solution, width = solution.qp_solution, model.merit_function.width
     active_rows, active_epigraph_rows = (
         qp_solution.row_multipliers > ACTIVE_MULTIPLIER,
         qp_solution.epigraph_multipliers > ACTIVE_MULTIPLIER,
     )
-    cones = _cones(model, _base_point(model), scaling)
+    cones = _cones(model, base, scaling)
     active_cones = [
         ActiveCone(cone.A, cone.D, cone.E, cone.epigraph_index, Z)
         for cone, Z in zip(cones, qp_solution.Z, strict=True)
         if np.trace(Z) > ACTIVE_MULTIPLIER
     ]
     system = KKTSystem(
-        model.H,
+        model.H if uses_all_curvature else model.B,
         model.g,
         model.epigraph_weights,
         active_cones,
-        evaluation.rows[solution.row_indices][active_rows],
+        base.rows[solution.row_indices][active_rows],
         model.derivatives.rows[solution.row_indices][active_rows],
-        model.epigraph_rows[active_epigraph_rows],
+        base.epigraph_rows[active_epigraph_rows],
         model.epigraph_jacobian[active_epigraph_rows],
         qp_solution.bound_multipliers > ACTIVE_MULTIPLIER,
         qp_solution.d,
     )
     d = newton_step(system)
     return None if d is None or float(np.max(np.abs(d) / width)) > radius else d
+
+
+def bounds_of(model: LocalModel, solution: ModelSolution, radius: float) -> np.ndarray:
+    """Return which parameters (q,) the solution holds at bounds of the box, not of the trust region."""
+    program, p, width = model.merit_function.program, model.iterate.evaluation.p, model.merit_function.width
+    limit = np.where(solution.d < 0, p - program.lower, program.upper - p)
+    return (solution.qp_solution.bound_multipliers > ACTIVE_MULTIPLIER) & (limit <= radius * width)
 
 
 def multipliers_of(model: LocalModel, solution: ModelSolution, scaling: MeritScaling) -> Multipliers:
@@ -206,6 +218,19 @@ class _BasePoint:
 def _base_point(model: LocalModel) -> _BasePoint:
     evaluation = model.iterate.evaluation
     return _BasePoint(evaluation.matrices, model.iterate.floors, evaluation.rows, model.epigraph_rows)
+
+
+def _base_after(model: LocalModel, d: np.ndarray, trial: Iterate, scaling: MeritScaling) -> _BasePoint:
+    """What limits and matrices would have to be at the iterate for their slopes to lead to what they are at a trial, d away."""
+    evaluation, derivatives = trial.evaluation, model.derivatives
+    return _BasePoint(
+        evaluation.matrices - np.tensordot(d, derivatives.matrices, (0, 1)),
+        trial.floors - np.tensordot(d, model.floor_derivatives, (0, 1)),
+        evaluation.rows - derivatives.rows @ d,
+        model.merit_function.objective.values(evaluation.matrices) / scaling.unit - model.epigraph_jacobian @ d
+        if len(model.epigraph_rows)
+        else model.epigraph_rows,
+    )
 
 
 def _conic_qp(model: LocalModel, base: _BasePoint, rows: np.ndarray, scaling: MeritScaling, radius: float) -> ConicQP:

@@ -10,7 +10,7 @@ from time import perf_counter
 
 import numpy as np
 
-from obsdesign.design.sqp.local_model import build_model, multipliers_of, solve_model
+from obsdesign.design.sqp.local_model import bounds_of, build_model, multipliers_of, solve_model
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective
 from obsdesign.design.sqp.merit import MeritFunction
 from obsdesign.design.sqp.nonlinear_program import AnyProgram
@@ -25,6 +25,7 @@ TOLERANCE = 1e-8  # reduction that a model must predict, in units of the merit
 _MAX_RADIUS, _MIN_RADIUS = 1.0, 1e-9  # of the trust region, in widths of the box
 _STATIONARITY_TOLERANCE, _VIOLATION_TOLERANCE = 1e-6, 1e-6
 _PACE, _AHEAD = 8, 5.0  # iterations over which the pace of a climb is taken, and how many times as many it is granted at that pace
+_MAX_VIOLATION = 1e-4  # that counts as none, of a solve that need not be exact
 _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
 
 
@@ -101,7 +102,7 @@ def solve(
         iterate = state.iterate
         _LOGGER.debug("iteration %d: merit %.9g, violation %.2g, radius %.2g", iterations, iterate.merit, iterate.violation, state.radius)
         if not outcome.is_better:
-            if state.iterate.violation > _VIOLATION_TOLERANCE and state.scaling.penalty < MAX_PENALTY:
+            if state.iterate.violation > _violation_tolerance(stopping.tolerance) and state.scaling.penalty < MAX_PENALTY:
                 state = raise_penalty(merit_function, state)
                 continue
             status = _final_status(merit_function, outcome, stopping.tolerance)
@@ -132,7 +133,7 @@ def _take_step(merit_function: MeritFunction, state: SolverState, tolerance: flo
         iterate = merit_function.rescale(state.iterate, scaling)
         state = replace(state, iterate=iterate, scaling=scaling, multipliers=multipliers_of(model, solution, scaling))
         model = replace(model, iterate=iterate)
-        at_bound = solution.qp_solution.bound_multipliers > _STATIONARITY_TOLERANCE
+        at_bound = bounds_of(model, solution, state.radius)
         predicted_reduction, is_solved = iterate.merit - solution.predicted_merit, True
         if predicted_reduction <= tolerance * max(1.0, abs(iterate.merit)):
             escape = escape_saddle(model, scaling, state.radius, tolerance)
@@ -163,6 +164,10 @@ def _is_hopeless(objectives: list[float], target: float) -> bool:
     return len(objectives) > _PACE and objectives[-1] + _AHEAD * max(0.0, objectives[-1] - objectives[-1 - _PACE]) < target
 
 
+def _violation_tolerance(tolerance: float) -> float:
+    return max(_VIOLATION_TOLERANCE, min(10 * tolerance, _MAX_VIOLATION))
+
+
 def _final_status(merit_function: MeritFunction, outcome: _StepOutcome, tolerance: float) -> Status:
     """Say what it means that nothing better is near."""
     iterate = outcome.state.iterate
@@ -173,7 +178,7 @@ def _final_status(merit_function: MeritFunction, outcome: _StepOutcome, toleranc
         and is_trusted
         and outcome.predicted_reduction <= max(_STATIONARITY_TOLERANCE, tolerance) * max(1.0, abs(iterate.merit))
     )
-    if iterate.violation > max(_VIOLATION_TOLERANCE, 10 * tolerance):
+    if iterate.violation > _violation_tolerance(tolerance):
         return Status.LOCALLY_INFEASIBLE if is_stationary or outcome.state.scaling.penalty >= MAX_PENALTY else Status.NUMERICAL_ERROR
     return Status.LOCALLY_OPTIMAL if is_stationary else Status.NUMERICAL_ERROR
 
