@@ -263,3 +263,28 @@ def test_a_sensor_that_never_answers_is_in_no_schedule_for_the_start() -> None:
     schedule = od.select_for_filter(system, path, od.Prior([0.0], [3.0]), segment=1.0, disturbance_psd=(0.1,), active=active)
     rivals = {other.name: other.value for other in schedule.compared}
     assert rivals["the schedule for the start"] == pytest.approx(rivals["z always"], rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_price_is_what_the_sensor_saves_also_where_the_prior_knew_little(seed: int):
+    """Differences of mean log det P, P by NumPy: most of a change of the first segments is gone at once, and what is left of it counts."""
+    random, N = np.random.default_rng(seed), 12
+    x = ca.SX.sym("x", 2)
+    system = od.ControlAffineSystem(x, ("a", "b"), ca.vertcat(x[1], 0), outputs={"y": x[0]}, sigmas={"y": 1.0})
+    path, prior = od.simulate(system, np.zeros(2), np.zeros((N, 0)), 1.0), od.Prior(np.zeros(2), std=(1e4, 1e3))
+    psd, F = 10.0 ** random.uniform(-6, -3, 2), np.array([[1.0, 1.0], [0.0, 1.0]])
+    schedule = od.select_for_filter(system, path, prior, segment=2.0, disturbance_psd=psd, criterion=od.LogDet())
+
+    def cost(chosen: np.ndarray) -> float:
+        P, costs = prior.covariance, []
+        for k in range(N):
+            if chosen[k // 2, 0]:
+                P = P - np.outer(P[:, 0], P[0]) / (P[0, 0] + 1)
+            costs.append(np.linalg.slogdet(P)[1])
+            P = F @ P @ F.T + np.diag(psd)
+        return float(np.mean(costs))
+
+    for k in range(6):
+        without = schedule.chosen.copy()
+        without[k] = False
+        assert schedule.prices[k, 0] == pytest.approx(cost(without) - cost(schedule.chosen), rel=1e-2)

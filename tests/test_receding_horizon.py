@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -128,7 +130,7 @@ def test_what_broke_the_rules_when_flown_may_cost_less_than_all_that_keep_them()
         ({"disturbance_psd": (1.0, 1.0, -1.0, 0.0, 0.0)}, "disturbance_psd has the eigenvalue -1"),
     ],
 )
-def test_what_cannot_be_meant_is_named(change: dict[str, object], message: str):
+def test_what_cannot_be_meant_is_named(change: dict[str, Any], message: str):
     with pytest.raises(od.InputError, match=message):
         od.select_for_filter(_SYSTEM, _path(), _BELIEF, **(_KEYWORDS | change))
 

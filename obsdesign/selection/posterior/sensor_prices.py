@@ -10,7 +10,7 @@ from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.questions import FilterQuestion
 from obsdesign.selection.posterior.segment_maps import segment_maps
 
-_FORGOTTEN = 1e-3  # share of what a choice changes in the covariance at first below which it is forgotten
+_FORGOTTEN = 1e-3  # of what a choice changes at first, and of the covariance: what is less is forgotten
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +33,18 @@ class SensorPrices:
 class _Changes:
     """Schedules that differ from a walk in one sensor of an earlier segment.
 
-    number (B,) of the change, P (n, n, B) now, first (B,): the trace of what it changed in P at the end of its segment, scaled.
+    number (B,) of the change, P (n, n, B) now, first (B,): the trace of what it changed in P at the end of its segment, scaled; share
+    (B,): the same over the covariance A of the walk, tr A^-1 |P - A|, at most 1. With (1 - t) A <= P <= (1 + t) A that stays so.
     """
 
     number: np.ndarray
     P: np.ndarray
     first: np.ndarray
+    share: np.ndarray
 
     def only(self, index: np.ndarray) -> _Changes:
         """Return some of them."""
-        return _Changes(self.number[index], self.P[:, :, index], self.first[index])
+        return _Changes(self.number[index], self.P[:, :, index], self.first[index], self.share[index])
 
 
 def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Walk) -> SensorPrices:
@@ -58,7 +60,7 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
     weight = np.zeros(n)
     weight[states] = 1 / question.prior.std**2
     cost, half = np.full((K, K * S), np.nan) if problem.is_worst else np.zeros(K * S), np.full(K * S, np.inf)
-    followed = _Changes(np.zeros(0, dtype=int), np.zeros((n, n, 0)), np.zeros(0))
+    followed = _Changes(np.zeros(0, dtype=int), np.zeros((n, n, 0)), np.zeros(0), np.zeros(0))
     for k in range(K):
         if problem.deadline.is_over:
             return _no_prices(question)
@@ -80,11 +82,24 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
         first = np.concatenate([followed.first, size[len(followed.first) :]])
         is_half = (size <= first / 2) & np.isinf(half[number]) & (number // S < k)
         half[number[is_half]] = k - number[is_half] // S
-        followed = _Changes(number, P, first).only(np.flatnonzero(size > _FORGOTTEN * first))
+        present = _shares(after, P)
+        share = np.concatenate([followed.share, np.minimum(present[len(followed.share) :], 1.0)])
+        followed = _Changes(number, P, first, share).only(np.flatnonzero((present > _FORGOTTEN * share) | (size > first / 2)))
     if problem.is_worst:
         cost = np.fmax(np.where(np.isnan(cost), walk.costs[:, None], cost).max(axis=0), -np.inf) - walk.costs.max()
     sign = np.where(chosen, 1.0, -1.0)
     return SensorPrices(sign * cost.reshape(K, S), _median_of(half.reshape(K, S)[chosen & question.answers]))
+
+
+def _shares(A: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return |tr A^-1 (P_b - A)| (B,) of P (n, n, B), at least the largest change of a variance as a share of it; inf beyond all numbers."""
+    if not np.isfinite(A).all():
+        return np.full(P.shape[2], np.inf)
+    size = np.sqrt(np.diag(A))
+    size = np.where(size > 0, size, 1.0)
+    inverse = np.linalg.pinv(A / size[:, None] / size, rcond=1e-15, hermitian=True)
+    changes = (P - A[:, :, None]) / size[:, None, None] / size[:, None]
+    return np.abs(np.tensordot(inverse, changes, axes=2))
 
 
 def _no_prices(question: FilterQuestion) -> SensorPrices:
