@@ -92,7 +92,7 @@ def sensor_prices(question: FilterQuestion, problem: PosteriorProblem, walk: Wal
 
 
 def _shares(A: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """Return |tr A^-1 (P_b - A)| (B,) of P (n, n, B), at least the largest change of a variance as a share of it; inf beyond all numbers."""
+    """Return |tr A^-1 (P_b - A)| (B,) of P (n, n, B), at least the largest share by which a variance changes; inf without numbers."""
     if not np.isfinite(A).all():
         return np.full(P.shape[2], np.inf)
     size = np.sqrt(np.diag(A))
