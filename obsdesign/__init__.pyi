@@ -81,6 +81,11 @@ from .information.posterior import unknown_input_information as unknown_input_in
 from .information.windows import sliding_information as sliding_information
 from .joint.joint_solver import codesign as codesign
 from .joint.result import Joint as Joint
+from .log_replay.event_replay import replay as replay
+from .log_replay.rank_correlation import RankCorrelation as RankCorrelation
+from .log_replay.replay_result import LockOut as LockOut
+from .log_replay.replay_result import Replay as Replay
+from .log_replay.replay_result import ReplayWindow as ReplayWindow
 from .logs.inputs import LogInputs as LogInputs
 from .logs.log import Log as Log
 from .logs.reading import read_log as read_log

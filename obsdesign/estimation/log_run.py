@@ -84,7 +84,15 @@ def path_of_estimate(system: AbstractSystem, log: Log, estimate: Estimate) -> Tr
 
 
 def sample_weights(system: AbstractSystem, events: Events) -> np.ndarray:
-    """Return how often each output counts (N, q): 0 where there is none, (spread / sigma)^2 where the log says how exact it is, else 1."""
+    """Return how often each output counts (N, q), as `sensor_weights`."""
+    return sensor_weights(system, events)[:, list(system.model.output_owner)]
+
+
+def sensor_weights(system: AbstractSystem, events: Events) -> np.ndarray:
+    """Return how often the samples of each sensor count (N, S).
+
+    0 where there is none, (spread / sigma)^2 where the log says how exact it is, else 1.
+    """
     import casadi as ca
 
     model, weights = system.model, events.arrived.astype(float)
@@ -99,4 +107,4 @@ def sample_weights(system: AbstractSystem, events: Events) -> np.ndarray:
                 f"log: a sample of {channel.name!r} has a sigma of its own: filters accept that where the sensor's is a constant"
             )
         weights[is_told, s] = (float(spread) / events.sigma[is_told, s]) ** 2
-    return weights[:, list(model.output_owner)]
+    return weights

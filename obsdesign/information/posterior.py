@@ -74,7 +74,7 @@ def posterior_information(
     disturbance = disturbance_of(system, path, prior, disturbance_psd, unknown_inputs, input_psd)
     system = system_along(system, path, active is not None, has_timed_errors=True)
     weights = weights_of(system, path, active)
-    return _information_along(system, path, prior, disturbance, weights)
+    return information_along(system, path, prior, disturbance, weights)
 
 
 def _posterior_of_log(
@@ -95,10 +95,11 @@ def _posterior_of_log(
     if active is not None:
         weights = weights * weights_of(per_step, path, active)[events.step]
     disturbance = disturbance_of(per_step, events.path, prior, psds[0], unknown_inputs, psds[1])
-    return _information_along(per_step, events.path, prior, disturbance, weights)[events.nodes]
+    return information_along(per_step, events.path, prior, disturbance, weights)[events.nodes]
 
 
-def _information_along(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
+def information_along(system: AbstractSystem, path: Trajectory, prior: Prior, disturbance: Disturbance, weights: np.ndarray) -> np.ndarray:
+    """Return J (N+1, n, n) of samples that count as often as weights (N, S) say; raise InputError where it is not finite."""
     if disturbance.unknown:
         require_trace(system, path, disturbance, weights)
     roots = posterior_roots(system, path, prior, disturbance, weights)

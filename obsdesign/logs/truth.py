@@ -60,10 +60,15 @@ class LogTruth:
         return result
 
 
-def errors_against(truth: LogTruth, state_names: tuple[str, ...], angles: tuple[str, ...], t: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return estimate minus truth (N, n) of states x (N, n) at times t (N,), angles wrapped, nan where the truth says nothing."""
+def errors_against(
+    truth: LogTruth, state_names: tuple[str, ...], angles: tuple[str, ...], t: np.ndarray, x: np.ndarray, max_gap: float = np.inf
+) -> np.ndarray:
+    """Return estimate minus truth (N, n) of states x (N, n) at times t (N,), angles wrapped, nan where the truth says nothing.
+
+    That is also between values farther apart than max_gap [s].
+    """
     errors = np.full(x.shape, np.nan)
-    values = truth.at(t, angles)
+    values = truth.at(t, angles, max_gap)
     for column, name in enumerate(truth.names):
         if name in state_names:
             i = state_names.index(name)
