@@ -671,6 +671,28 @@ def test_the_errors_of_a_sensor_reach_the_model_with_a_spread_above_0_and_a_shar
             assert (noise.correlation, noise.bias) == (0.5, 0.3)
 
 
+@each("SENSORS")
+def test_an_output_of_any_sensor_may_be_scaled_and_off_by_states_of_its_own(kind: str):
+    for reading in examples("SENSORS", kind):
+        sensor, n = reading.sensor, len(reading.states[0])
+        is_angle = np.array([signal.is_angle for signal in sensor.outputs])
+        both = dataclasses.replace(sensor, bias="off", scale=None if is_angle.all() else "times")
+        model = od.System(reading.vehicle, (both,)).model
+        plain = od.System(reading.vehicle, (sensor,)).model
+        found, h = (ca.Function("h", [m.x], [m.h, ca.jacobian(m.h, m.x), m.drift]) for m in (model, plain))
+        offsets = np.arange(1.0, len(is_angle) + 1) / 8
+        for state in reading.states:
+            at = np.array(list(state.values()))
+            extra = offsets if is_angle.all() else np.concatenate([[1.25], offsets])
+            y, J, drift = (value.full() for value in found([*at, *extra]))
+            plain_y, plain_J, _ = (value.full() for value in h(at))
+            factor = np.where(is_angle, 1.0, 1.25)
+            np.testing.assert_allclose(y.ravel(), factor * plain_y.ravel() + offsets, rtol=1e-12)
+            np.testing.assert_allclose(J[:, :n], factor[:, None] * plain_J, rtol=1e-12, atol=1e-15)
+            np.testing.assert_array_equal(J[:, len(J.T) - len(offsets) :], np.eye(len(offsets)))
+            assert not drift[n:].any()
+
+
 @pytest.mark.parametrize(("field", "value"), [("inflation", 0.0), ("bias_floor", -0.1), ("correlation", 1.0)])
 @each("SENSORS")
 def test_a_sensor_refuses_errors_that_make_no_sense(kind: str, field: str, value: float):

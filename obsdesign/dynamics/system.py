@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -14,13 +14,18 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import AbstractSystem, Channel, JointNoise, Model, Noise, columns
 from obsdesign.errors import InputError
+from obsdesign.sensors._corrections import correction_states, corrections_of
+from obsdesign.sensors._group import SensorGroup, distinct_names, sensor_groups
 from obsdesign.sensors._joint import as_joint_noise
-from obsdesign.sensors.abstract import AbstractSensor, distinct_names
-from obsdesign.vehicles.abstract import AbstractVehicle
+from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.signals import Signal
+from obsdesign.vehicles.abstract import AbstractVehicle, Fields
 
 if TYPE_CHECKING:
     import casadi as ca
     from numpy.typing import ArrayLike
+
+_DEPTH = 100  # of the operations of two gates that are compared
 
 
 @validate_arguments
@@ -28,9 +33,11 @@ if TYPE_CHECKING:
 class System(AbstractSystem):
     """A ready-made vehicle with sensors: xdot = drift + sum_i known_i u_i + sum_j unknown_j w_j, y = outputs of the sensors.
 
-    Two sensors of one name are told apart by a number.
+    Two sensors of one name are told apart by a number; sensors of one group are one of the S sensors, under the group's name. States
+    that are scales and biases of sensors follow those of the vehicle: constants, but for process noise of their own.
     Raises InputError for unknown names, a sensor in two groups, an R that is no covariance of that size, and joint noise of a
-    sensor whose noise is correlated in time or depends on the state.
+    sensor whose noise is correlated in time or depends on the state, sensors of a group that differ in what belongs to the whole, and
+    scales and biases whose names are taken.
     """
 
     vehicle: AbstractVehicle
@@ -44,21 +51,38 @@ class System(AbstractSystem):
     units of the outputs. It takes the place of their own sigma, and inflation multiplies it. At instants where some of them have a
     sample, those count with their part of R.
     """
+    suite: tuple[str, ...] | None = None
+    """Names of the sensors that are read, scales and biases of the others staying states; None = all."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         object.__setattr__(self, "unknown_inputs", tuple(self.unknown_inputs))
         require_known("unknown_inputs", self.unknown_inputs, tuple(signal.name for signal in self.vehicle.inputs))
-        object.__setattr__(self, "joint_noise", MappingProxyType(as_joint_noise(self.joint_noise, self._sensors_by_name)))
+        object.__setattr__(self, "joint_noise", MappingProxyType(as_joint_noise(self.joint_noise, self._groups_by_name)))
+        if self.suite is not None:
+            object.__setattr__(self, "suite", tuple(self.suite))
+            require_known("suite: the system", self.suite, distinct_names(self.sensors))
+        _ = self.states  # refuses names that are taken
 
     @property
-    def _sensors_by_name(self) -> dict[str, AbstractSensor]:
-        return dict(zip(self.sensor_names, self.sensors, strict=True))
+    def groups(self) -> tuple[SensorGroup, ...]:
+        """The S things that are on or off, of the suite: each a sensor, or the sensors of one group."""
+        groups = sensor_groups(self.sensors)
+        return groups if self.suite is None else tuple(group for group in groups if group.name in self.suite)
+
+    @property
+    def _groups_by_name(self) -> dict[str, SensorGroup]:
+        return {group.name: group for group in sensor_groups(self.sensors)}
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """The n states, without the symbolic model: those of the vehicle, then scales and biases of sensors."""
+        return system_states(self.vehicle, self.sensors)
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """Names of the sensors, without the symbolic model."""
-        return distinct_names(self.sensors)
+        """Names of the S sensors, without the symbolic model."""
+        return tuple(group.name for group in self.groups)
 
     def __hash__(self) -> int:
         return self._hash
@@ -66,54 +90,124 @@ class System(AbstractSystem):
     @cached_property
     def _hash(self) -> int:
         # once: every look-up of a compiled function asks for it
-        return hash((self.vehicle, self.sensors, self.unknown_inputs, frozenset(self.joint_noise.items())))
+        return hash((self.vehicle, self.sensors, self.unknown_inputs, frozenset(self.joint_noise.items()), self.suite))
 
     def __reduce__(self) -> tuple[type[System], tuple[object, ...]]:
         # without the cached model: CasADi expressions do not travel between processes
-        return System, (self.vehicle, self.sensors, self.unknown_inputs, dict(self.joint_noise))
+        return System, (self.vehicle, self.sensors, self.unknown_inputs, dict(self.joint_noise), self.suite)
 
     def _build(self) -> Model:
         import casadi as ca
 
-        vehicle = self.vehicle
-        x = ca.vertcat(*(ca.SX.sym(state.name) for state in vehicle.states))
-        fields = vehicle.fields(x)
+        vehicle, states = self.vehicle, self.states
+        x = ca.vertcat(*(ca.SX.sym(state.name) for state in states))
+        fields = _fields(vehicle, x)
         signals_and_columns = list(zip(vehicle.inputs, fields.inputs, strict=True))
         known_pairs = [pair for pair in signals_and_columns if pair[0].name not in self.unknown_inputs]
         unknown_pairs = [pair for pair in signals_and_columns if pair[0].name in self.unknown_inputs]
         unknown_pairs += list(zip(vehicle.disturbances, fields.disturbances, strict=True))
-        return Model(
+        model = Model(
             x=x,
-            states=vehicle.states,
+            states=states,
             drift=fields.drift,
             inputs=tuple(signal for signal, _ in known_pairs),
-            B=columns([column for _, column in known_pairs], len(vehicle.states)),
+            B=columns([column for _, column in known_pairs], len(states)),
             unknown_inputs=tuple(signal for signal, _ in unknown_pairs),
-            G=columns([column for _, column in unknown_pairs], len(vehicle.states)),
+            G=columns([column for _, column in unknown_pairs], len(states)),
             channels=tuple(_channels(self, x)),
             joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]
         )
+        return model if self.suite is None else model.only(self.suite)
+
+
+def system_states(vehicle: AbstractVehicle, sensors: Sequence[AbstractSensor]) -> tuple[Signal, ...]:
+    """Return the states of a vehicle with its sensors; raise InputError for scales and biases whose names are taken."""
+    taken = {signal.name: "a state" for signal in vehicle.states}
+    taken |= {signal.name: "an input" for signal in (*vehicle.inputs, *vehicle.disturbances)}
+    taken |= {signal.name: "an output" for group in sensor_groups(sensors) for signal in group.outputs}
+    return (*vehicle.states, *correction_states(sensors, taken))
+
+
+def _fields(vehicle: AbstractVehicle, x: ca.SX) -> Fields:
+    """The vehicle's fields, 0 for states that are not its own."""
+    import casadi as ca
+
+    n = len(vehicle.states)
+    fields, below = vehicle.fields(x[:n]), ca.SX.zeros(x.numel() - n)
+    if not below.numel():
+        return fields
+    inputs, disturbances = (tuple(ca.vertcat(field, below) for field in group) for group in (fields.inputs, fields.disturbances))
+    return Fields(ca.vertcat(fields.drift, below), inputs, disturbances)
 
 
 def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
     import casadi as ca
 
-    state = {signal.name: x[i] for i, signal in enumerate(system.vehicle.states)}
-    state |= _rates(system.vehicle, x)
-    for name, sensor in zip(system.sensor_names, system.sensors, strict=True):
-        try:
-            h = ca.vertcat(*sensor.measure(state))
-            spread, gate = sensor.spread(state), sensor.gate(state)
-        except KeyError as missing:
-            raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have{_about(missing)}") from None
-        if gate.shape != (1, 1):
-            raise InputError(f"sensor {name!r}: gate has shape {gate.shape}: must be one number for all its outputs")
-        if spread.shape not in {(1, 1), (len(sensor.outputs), 1)}:
-            raise InputError(f"sensor {name!r}: spread has shape {spread.shape}: must be one number, or one for each of its outputs")
-        outputs = tuple(replace(signal, name=signal.name.replace(sensor.name, name, 1)) for signal in sensor.outputs)
-        spread, gate = _spread_of(system, name, spread), gate if sensor.detection == 1 else sensor.detection * gate
-        noise = Noise(spread, gate, sensor.inflation, sensor.bias_floor, sensor.correlation, sensor.detection)
-        yield Channel(name, outputs, h, noise, sensor.rate, sensor.landmarks)
+    state = {signal.name: x[i] for i, signal in enumerate(system.states)}
+    state |= _rates(system.vehicle, x[: len(system.vehicle.states)])
+    for group in sensor_groups(system.sensors):
+        readings = [_reading(sensor, sensor.name if sensor.group else group.name, state) for sensor in group.sensors]
+        h = ca.vertcat(*(reading.h for reading in readings))
+        spread = _spread_of(system, group.name, _spreads(readings, h.numel()))
+        first = group.sensors[0]
+        gate = _product([reading.gate for reading in readings])
+        noise = Noise(
+            spread,
+            first.detection * gate if first.detection < 1 else gate,
+            first.inflation,
+            first.bias_floor,
+            first.correlation,
+            first.detection,
+        )
+        yield Channel(group.name, group.outputs, h, noise, first.rate, group.landmarks)
+
+
+@dataclass(frozen=True)
+class _SensorGraphs:
+    """What one sensor reads at a state: outputs (q, 1), spread (1, 1) or (q, 1), gate (1, 1)."""
+
+    h: ca.SX
+    spread: ca.SX
+    gate: ca.SX
+
+
+def _reading(sensor: AbstractSensor, name: str, state: Mapping[str, ca.SX]) -> _SensorGraphs:
+    import casadi as ca
+
+    try:
+        h, spread, gate = sensor.measure(state), sensor.spread(state), sensor.gate(state)
+    except KeyError as missing:
+        raise InputError(f"sensor {name!r} needs the state {missing}, which the vehicle does not have{_about(missing)}") from None
+    if gate.shape != (1, 1):
+        raise InputError(f"sensor {name!r}: gate has shape {gate.shape}: must be one number for all its outputs")
+    if spread.shape not in {(1, 1), (len(sensor.outputs), 1)}:
+        raise InputError(f"sensor {name!r}: spread has shape {spread.shape}: must be one number, or one for each of its outputs")
+    states = corrections_of(sensor)
+    corrected = []
+    for signal, value, bias in zip(sensor.outputs, h, states.biases, strict=True):
+        scaled = value if states.scale is None or signal.is_angle else state[states.scale] * value
+        corrected.append(scaled if bias is None else scaled + state[bias])
+    return _SensorGraphs(ca.vertcat(*corrected), spread, gate)
+
+
+def _spreads(readings: Sequence[_SensorGraphs], q: int) -> ca.SX:
+    """The spreads (1, 1) of a lone sensor with one number for all outputs, else (q, 1)."""
+    import casadi as ca
+
+    if len(readings) == 1:
+        return readings[0].spread
+    return ca.vertcat(*(reading.spread * ca.SX.ones(reading.h.numel()) for reading in readings))
+
+
+def _product(gates: Sequence[ca.SX]) -> ca.SX:
+    """The product of gates, each once: sensors behind one limit see or miss a thing together."""
+    import casadi as ca
+
+    share, counted = gates[0], [gates[0]]
+    for gate in gates[1:]:
+        if not any(ca.is_equal(gate, earlier, _DEPTH) for earlier in counted):
+            share, counted = share * gate, [*counted, gate]
+    return share
 
 
 def _rates(vehicle: AbstractVehicle, x: ca.SX) -> dict[str, ca.SX]:
@@ -141,6 +235,6 @@ def _spread_of(system: System, name: str, spread: ca.SX) -> ca.SX:
         if name in names:
             if not spread.is_constant():
                 raise InputError(f"joint_noise: the noise of {name!r} depends on the state, so that no R can be its covariance everywhere")
-            owner = [sensor_name for sensor_name in names for _ in system._sensors_by_name[sensor_name].outputs]
+            owner = [sensor_name for sensor_name in names for _ in system._groups_by_name[sensor_name].outputs]
             return ca.vertcat(*[ca.sqrt(np.asarray(R)[i, i]) for i, sensor_name in enumerate(owner) if sensor_name == name])
     return spread

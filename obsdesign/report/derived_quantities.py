@@ -50,7 +50,7 @@ def joint_answers(joint: Joint[Schedule]) -> dict[str, tuple[Design, Schedule, f
 
 def states_of(study: Study) -> tuple[Signal, ...]:
     """The n states."""
-    return study.scenario.vehicle.states
+    return study.scenario.states
 
 
 def sensors_in_words(study: Study, sensors: tuple[str, ...]) -> str:

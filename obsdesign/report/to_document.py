@@ -89,7 +89,7 @@ def _scenario(study: Study) -> ScenarioPart:
         sha256=scenario.digest,
         source=scenario.source,
         states=list(scenario.state_names),
-        state_units=[signal.unit for signal in scenario.vehicle.states],
+        state_units=[signal.unit for signal in scenario.states],
         sensors=list(scenario.sensor_names),
     )
 

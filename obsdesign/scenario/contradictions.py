@@ -27,6 +27,11 @@ def find_contradictions(scenario: Scenario, has_path: bool = False) -> Iterator[
     if excess := list(_size_problems(scenario)):
         yield from excess  # nothing else could be looked at in finite time
         return
+    try:
+        _ = scenario.states
+    except InputError as error:  # groups, scales and biases of sensors that do not fit together
+        yield Problem(("sensors",), str(error))
+        return
     yield from _name_problems(scenario)
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
@@ -115,7 +120,7 @@ def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[
 
 
 def _selection_problems(scenario: Scenario) -> Iterator[Problem]:
-    settings, sensors = scenario.selection, len(scenario.sensors)
+    settings, sensors = scenario.selection, len(scenario.sensor_names)
     per_segment, naive = settings.per_segment, settings.naive
     criteria = _criteria_of_matrices()  # a posterior is no sum over sensors
     if settings.criterion not in criteria:

@@ -6,6 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+from obsdesign.errors import InputError
+from obsdesign.signals import Signal
+
 if TYPE_CHECKING:
     from obsdesign.scenario.schema import Scenario
 
@@ -39,7 +42,7 @@ def _in_degrees(value: Any, location: tuple[str | int, ...]) -> Iterator[tuple[s
 
 
 def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
-    name, signals = str(location[-1]).removesuffix(SUFFIX), (*scenario.vehicle.states, *scenario.vehicle.inputs)
+    name, signals = str(location[-1]).removesuffix(SUFFIX), _signals(scenario)
     unit = next((signal.unit for signal in signals if signal.name == name), "rad")
     if location[0] == "place":
         return name == "bearing"
@@ -47,6 +50,13 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
         measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
         return name not in _NOT_IN_SENSOR_UNIT and (measures_angles or name not in _SPREADS)
     return unit.startswith("rad") and not set(_NO_ANGLES) & set(location[:-1])
+
+
+def _signals(scenario: Scenario) -> tuple[Signal, ...]:
+    try:
+        return (*scenario.states, *scenario.vehicle.inputs)
+    except InputError:  # sensors that do not fit together, which is said elsewhere
+        return (*scenario.vehicle.states, *scenario.vehicle.inputs)
 
 
 def _is_angle(item: Any) -> bool:  # noqa: ANN401

@@ -29,7 +29,7 @@ def find_rule_problems(scenario: Scenario) -> Iterator[Problem]:
     unknown = [problem for i, rule in enumerate(rules) for problem in _name_problems(scenario, i, rule)]
     yield from unknown
     yield from _pareto_problems(scenario)
-    if unknown or scenario.selection.per_segment > len(scenario.sensors):
+    if unknown or scenario.selection.per_segment > len(scenario.sensor_names):
         return
     terms: list[Terms] = []
     for i, rule in enumerate(rules):

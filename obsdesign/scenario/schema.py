@@ -20,12 +20,13 @@ from obsdesign.families import leaf
 from obsdesign.noise_density import PerSpeed
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.scenario.kind_tables import family_of, flat_table
-from obsdesign.sensors.abstract import distinct_names
+from obsdesign.sensors._group import distinct_names
 
 if TYPE_CHECKING:
     from obsdesign.dynamics.system import System
     from obsdesign.prior import Prior
     from obsdesign.rules.abstract import AbstractRule
+    from obsdesign.signals import Signal
 
 
 class _ScenarioTable(BaseModel):
@@ -300,7 +301,14 @@ class Scenario(_ScenarioTable):
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of the n states."""
-        return tuple(signal.name for signal in self.vehicle.states)
+        return tuple(signal.name for signal in self.states)
+
+    @property
+    def states(self) -> tuple[Signal, ...]:
+        """The n states: those of the vehicle, then scales and biases of sensors."""
+        from obsdesign.dynamics.system import system_states
+
+        return system_states(self.vehicle, self.sensors)
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
@@ -358,7 +366,7 @@ class Scenario(_ScenarioTable):
     @property
     def has_filter_schedule(self) -> bool:
         """Whether the sets of sensors that may be on are few enough for a schedule for the filter."""
-        sensors, per_segment = len(self.sensors), self.selection.per_segment
+        sensors, per_segment = len(self.sensor_names), self.selection.per_segment
         return sum(comb(sensors, size) for size in range(min(per_segment, sensors) + 1)) <= _MAX_SETS
 
     @property

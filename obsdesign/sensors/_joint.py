@@ -9,13 +9,13 @@ import numpy as np
 
 from obsdesign.checks import as_array, require_known
 from obsdesign.errors import InputError
-from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.sensors._group import SensorGroup
 
 _Rows = tuple[tuple[float, ...], ...]
 _SKEW = 1e-9  # relative difference between R and its transpose that is typing
 
 
-def as_joint_noise(given: Any, sensors: Mapping[str, AbstractSensor]) -> dict[tuple[str, ...], _Rows]:  # noqa: ANN401  # whatever a caller took for it
+def as_joint_noise(given: Any, sensors: Mapping[str, SensorGroup]) -> dict[tuple[str, ...], _Rows]:  # noqa: ANN401  # whatever a caller took for it
     """Return names -> R (q, q) as rows, or raise InputError for what does not fit the sensors.
 
     R must be a covariance, symmetric and positive definite, of the named sensors' stacked outputs; no sensor in two groups, none
@@ -33,7 +33,7 @@ def as_joint_noise(given: Any, sensors: Mapping[str, AbstractSensor]) -> dict[tu
     return covariances
 
 
-def _as_group(names: Any, sensors: Mapping[str, AbstractSensor]) -> tuple[str, ...]:  # noqa: ANN401
+def _as_group(names: Any, sensors: Mapping[str, SensorGroup]) -> tuple[str, ...]:  # noqa: ANN401
     if not isinstance(names, tuple) or len(names) < 2 or not all(isinstance(name, str) for name in names):
         raise InputError(f"joint_noise has the key {names!r}: must be a tuple of two or more sensors' names")
     require_known("joint_noise: the system", names, tuple(sensors))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ class AbstractSensor(ABC):
 
         R_jk = inflation^2 spread_j spread_k correlation^|j - k| + bias_floor^2.
 
+    With scale and bias as states an output is scale h(x) + bias, both constants but for process noise of their own.
     Raises InputError for values outside the ranges below.
     """
 
@@ -36,6 +37,13 @@ class AbstractSensor(ABC):
     """Correlation of the noise of successive samples, in [0, 1)."""
     detection: float = 1.0
     """Share of the samples that arrive where nothing is in the way, in (0, 1]: information counts with it, simulations draw it."""
+    scale: str | None = None
+    """Name of a state that multiplies the outputs, angles excepted; None = 1. Sensors that name the same state share it."""
+    bias: str | None = None
+    """Name of a state that is added to the output, of several outputs a state each: the name and what follows the sensor's in the output's
+    (`gps_bias_x`, `gps_bias_y`); None = 0. Sensors that name the same state share it."""
+    group: str | None = None
+    """Name of a thing, such as a landmark, that this sensor is part of: all sensors of a group are one choice and arrive together."""
     name: str = "sensor"
     """What reports, schedules and rules call the sensor."""
 
@@ -48,6 +56,11 @@ class AbstractSensor(ABC):
         require_positive(f"{self.name}: detection", self.detection)
         if self.detection > 1:
             raise InputError(f"{self.name}: detection is {self.detection!r}: must be at most 1")
+        for field in ("scale", "bias", "group"):
+            if getattr(self, field) == "":
+                raise InputError(f"{self.name}: {field} is '': must be a name")
+        if self.scale is not None and all(signal.is_angle for signal in self.outputs):
+            raise InputError(f"{self.name}: scale is {self.scale!r}: must be None, an angle that wraps has no scale")
 
     @property
     @abstractmethod
@@ -70,10 +83,3 @@ class AbstractSensor(ABC):
     @abstractmethod
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return what share of the samples arrives at the state, in (0, 1], smooth."""
-
-
-def distinct_names(sensors: Sequence[AbstractSensor]) -> tuple[str, ...]:
-    """Return the sensors' names, the second of one name numbered: range, range_2."""
-    names = [sensor.name for sensor in sensors]
-    earlier = [names[:i].count(name) for i, name in enumerate(names)]
-    return tuple(f"{name}_{count + 1}" if count else name for name, count in zip(names, earlier, strict=True))

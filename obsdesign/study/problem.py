@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.scenario.schema import Scenario
-from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.trajectory import Trajectory
 
 
@@ -36,11 +36,11 @@ def scenario_paths(scenario: Scenario) -> dict[str, Trajectory]:
 
 def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Trajectory], constraints: bool = True) -> DesignProblem:
     """Return what a scenario asks of given paths of one start and duration, for a suite; constraints: whether its own count."""
-    system, names = scenario.system, scenario.system.model.input_names
+    names = scenario.system.model.input_names
     path, u = paths[0], np.vstack([path.u for path in paths])
     reach = zip(names, u.min(axis=0) - 1.0, u.max(axis=0) + 1.0, strict=True)
     return DesignProblem(
-        system=System(system.vehicle, _suite_sensors(system, suite)),
+        system=_with_suite(scenario, suite),
         start=path.x[0],
         duration=path.step * path.steps,
         step=path.step,
@@ -54,18 +54,19 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
     )
 
 
-def _suite_sensors(system: System, suite: tuple[str, ...]) -> tuple[AbstractSensor, ...]:
-    return tuple(sensor for name, sensor in zip(system.sensor_names, system.sensors, strict=True) if name in suite)
+def _with_suite(scenario: Scenario, suite: tuple[str, ...]) -> System:
+    """The scenario's system with some of its sensors; scales and biases of the others stay states."""
+    return scenario.system if set(suite) == set(scenario.sensor_names) else replace(scenario.system, suite=suite)
 
 
 def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
     """Return what a scenario asks of the path for a suite of sensors."""
-    system, design, time = scenario.system, scenario.design, scenario.time
+    design, time = scenario.design, scenario.time
     robust, floor = design.robust, design.floor
     if design.path is None:
         raise InputError("the scenario has no design.path: its paths are given")
     return DesignProblem(
-        system=System(system.vehicle, _suite_sensors(system, suite)),
+        system=_with_suite(scenario, suite),
         start=start_of(scenario),
         duration=time.duration if design.shortest is None else (design.shortest, time.duration),
         step=time.step,

@@ -60,7 +60,7 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     )
     weave, candidates = candidates_of(scenario, designs)
     designed_path = next(candidate for candidate in candidates if candidate.name == DESIGNED)
-    segments, sensors = len(designed_path.nodes) - 1, len(scenario.sensors)
+    segments, sensors = len(designed_path.nodes) - 1, len(scenario.sensor_names)
     stage("design", f"Which? {segments} segments, {scenario.selection.per_segment} of {sensors} sensors on")
     selection = select(scenario, designed_path, designs[0].problem, seed, stage.report.within)
     stage("select", "" if scenario.codesign is None else "Together? Path and schedule at once")
@@ -104,10 +104,8 @@ def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progres
     stage("rate", "")
     studies: list[Study] = []
     for case in candidates:
-        stage(
-            "",
-            f"Which? {case.name}: {len(case.nodes) - 1} segments, {scenario.selection.per_segment} of {len(scenario.sensors)} sensors on",
-        )
+        on = f"{scenario.selection.per_segment} of {len(scenario.sensor_names)} sensors on"
+        stage("", f"Which? {case.name}: {len(case.nodes) - 1} segments, {on}")
         selection = select(scenario, case, problems[0], seed, stage.report.within)
         stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of {2 + (selection.other is not None)} cases")
         checks = tuple(_checks(scenario, (case,), selection, seed, executor, stage.report.within))

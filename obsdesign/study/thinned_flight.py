@@ -58,7 +58,7 @@ def judge_way_points(
         reached=reached,
         smallest_eigenvalue=(_smallest_eigenvalue(scenario, path), _smallest_eigenvalue(scenario, flown)),
         states=scenario.state_names,
-        units=tuple(signal.unit for signal in scenario.vehicle.states),
+        units=tuple(signal.unit for signal in scenario.states),
         std=np.stack([_final_deviations(scenario, each, chosen) for each in (path, flown)]),
         broken=broken,
     )

@@ -55,7 +55,7 @@ def _schedule_file(along: Path | None, schedule: Path | None) -> Path | None:
 def _lines(scenario: Scenario, validation: Validation) -> tuple[str, ...]:
     """What a person reads: the error of each state at the end and its bound, and whether the filter tells the truth."""
     low, high = validation.nees_interval
-    rows = zip(scenario.vehicle.states, validation.rmse[-1].tolist(), validation.bound[-1].tolist(), strict=True)
+    rows = zip(scenario.states, validation.rmse[-1].tolist(), validation.bound[-1].tolist(), strict=True)
     band = f"NEES within {low:.3g} to {high:.3g} at {validation.in_band:.0%} of the instants"
     return (
         f"filter over {validation.runs} runs: {validation.verdict} ({band})",

@@ -12,6 +12,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.information.sample_information import sampling_mask
+from obsdesign.sensors._group import sensor_groups
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.sensors.bearing import Bearing
 from obsdesign.sensors.gps import GPS
@@ -42,9 +43,11 @@ def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBou
     system = problem.system
     if not isinstance(system, System):
         raise InputError("the system is none of the ready-made ones")
+    _require_plain(system)
     known = _diagonal_above(np.asarray(problem.known))
     amounts, readings, left_out = _amounts(problem, system), [], []
-    for s, (name, sensor) in enumerate(zip(system.sensor_names, system.sensors, strict=True)):
+    for s, group in enumerate(system.groups):
+        name, sensor = group.name, group.sensors[0]
         distances = nearest_distances(problem, motion, sensor.landmarks[0]) if sensor.landmarks else None
         precision, words = _precision(system, name, sensor, distances)
         reading = _reading(sensor, amounts[:, s] * precision, distances)
@@ -61,6 +64,14 @@ def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBou
         (float(known[3:5].max()) if len(known) > 3 else 0.0) * _UP,
         tuple(left_out),
     )
+
+
+def _require_plain(system: System) -> None:
+    for group in system.groups:
+        if len(group.sensors) > 1:
+            raise InputError(f"{group.name}: no bound is known for several sensors of one group")
+    if len(system.states) > len(system.vehicle.states):
+        raise InputError("no bound is known where scales or biases of sensors are states")
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +159,8 @@ def _precision(system: System, name: str, sensor: AbstractSensor, distances: np.
 
 def _joint_spread(system: System, names: tuple[str, ...], R: np.ndarray, name: str) -> tuple[float, float]:
     """The least standard deviation of the sensor's outputs, and the least eigenvalue of the correlations, from below."""
-    sensors = dict(zip(system.sensor_names, system.sensors, strict=True))
-    owner = np.array([each for each in names for _ in sensors[each].outputs])
+    outputs = {group.name: group.outputs for group in sensor_groups(system.sensors)}
+    owner = np.array([each for each in names for _ in outputs[each]])
     spreads = np.sqrt(np.diag(R))
     least = float(np.linalg.eigvalsh(R / spreads[:, None] / spreads)[0]) - 1e-12
     if least <= 0:

@@ -69,7 +69,7 @@ def dependent_sensors(study: Study) -> list[str]:
 
 
 def _schedule_count(study: Study) -> str:
-    settings, sensors, segments = study.scenario.selection, len(study.scenario.sensors), len(study.selection.schedule.chosen)
+    settings, sensors, segments = study.scenario.selection, len(study.scenario.sensor_names), len(study.selection.schedule.chosen)
     if settings.rules:
         return "all schedules that keep the rules"
     return f"{plain(math.comb(sensors, settings.per_segment))}{str(segments).translate(SUPERSCRIPT)} schedules"
@@ -113,7 +113,7 @@ def _method_notes(study: Study) -> tuple[str, ...]:
 
 def schedule_in_words(study: Study) -> str:
     """Say how many sensors are on at a time, and for how long each."""
-    count, sensors = study.scenario.selection.per_segment, len(study.scenario.sensors)
+    count, sensors = study.scenario.selection.per_segment, len(study.scenario.sensor_names)
     on = facts.on_times(study, study.selection.chosen)
     times = ", ".join(f"{name} {plain(seconds)}{NARROW}s" for name, seconds in on.items())
     return f"{count} of {sensors} sensors on at a time ({times})"
