@@ -275,10 +275,11 @@ int obsdesign_conic(count most, count rows, const count* sizes, const double* co
   double best = INFINITY, gap;
   for (;; ++iteration) {
     double missing = measure(&p, &s, &gap);
-    worse = missing < best || best > 1e-3 ? 0 : worse + 1;
+    worse = missing < best || best > 1e-6 ? 0 : worse + 1;
     if (missing < best) memcpy(s.best, result, length * sizeof(double)), best = missing;
     if (!(missing > *aim) || iteration == most || worse == 5 || !equations(&p, &s)) break;
     double share = direction(&p, &s, 0, 0), cut = fmax(0, gap_after(&p, &s, 1 / fmax(1, share)) / gap);
+    if (missing > 2 * gap && gap < 1e-6) cut = 1; /* rounding is what is left: first that of the dual */
     share = direction(&p, &s, gap / degree * cut * cut * cut, 1);
     if (!(share < INFINITY)) break;
     advance(&p, &s, fmin(1, (share > 1.1 ? 0.9 : 0.99) / share));

@@ -11,9 +11,10 @@ from obsdesign.conic_interior_point import DenseConicProgram, InteriorPoint, fol
 from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
 
 _MAX_ITERATIONS = 60  # models take 8 to 20
-_AIM = 1e-3  # share of the tolerance that is aimed at: where the objective is flat, a gap says little of how far the minimiser is
+_ACCEPTED = 10.0  # tolerances at which rounding may end the method
+_AIM = 1e-2  # share of the tolerance that is aimed at: where the objective is flat, a gap says little of how far the minimiser is
 _NEAR_BOUND = 0.9  # share of the way to a bound at which a start is still inside
-_FIRST_GAP = 10.0  # of the first point, in units of the objective: from less, the path is sometimes lost
+_FIRST_PRODUCT = 0.02  # of slacks and their multipliers where the method begins, in units of the objective
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,7 @@ def _solve(
     value = float(np.abs(qp.weights @ coordinates.t)) + qp.penalty * (coordinates.slack - coordinates.slack_unit)
     aim = _AIM * tolerance * min(1.0, (value or coordinates.unit) / coordinates.unit)
     point = follow_central_path(program, *begin, aim, _MAX_ITERATIONS)
-    if point is None or not point.gap <= tolerance * (1 + program.c[-1] * point.y[-1]):
+    if point is None or not point.gap <= _ACCEPTED * tolerance * (1 + program.c[-1] * point.y[-1]):
         return None
     return _solution(qp, coordinates, point)
 
@@ -153,23 +154,29 @@ def _add_unbounded(columns: np.ndarray, cone: Cone, coordinates: _Coordinates) -
 
 
 def _first_multipliers(program: DenseConicProgram, y: np.ndarray) -> np.ndarray | None:
-    """Return what slacks times their multipliers are alike with, but that of slack >= 0, which the penalty sets; None outside the cones."""
-    q, r = len(program.P), program.half_lines
-    slack, product = program.h + program.X @ y, _FIRST_GAP / (2 * q + r + sum(program.sides))
-    z = np.empty(len(slack))
+    """Return multipliers that are alike times their slacks, but those of cones that bound a t and of slack >= 0, set by what these cost.
+
+    None where y is outside of the cones.
+    """
+    q, r, T = len(program.P), program.half_lines, len(program.c) - len(program.P) - 1
+    slack, z = program.h + program.X @ y, np.empty(len(program.h))
     if not (slack[:r] > 0).all():
         return None
-    z[:r] = product / slack[:r]
+    z[:r], firsts = _FIRST_PRODUCT / slack[:r], [*range(r)]
     for n in program.sides:
         rows = slice(r, r + n * (n + 1) // 2)
+        firsts.append(r)
         try:
             L = np.linalg.cholesky(smat(slack[rows], n))
         except np.linalg.LinAlgError:
             return None
         inverse = np.linalg.inv(L)
-        z[rows], r = product * svec(inverse.T @ inverse), rows.stop
+        z[rows], r = _FIRST_PRODUCT * svec(inverse.T @ inverse), rows.stop
+    for j in range(q, q + T):
+        bounding = np.repeat(np.logical_or.reduceat(program.X[:, j] != 0, firsts), np.diff([*firsts, len(z)]))
+        z[bounding] *= program.c[j] / (program.X[bounding, j] @ z[bounding])
     z[0] = max(z[0], (program.c[-1] - program.X[1:, -1] @ z[1:]) / program.X[0, -1])
-    return np.concatenate([np.full(2 * q, product), z])
+    return np.concatenate([np.full(2 * q, _FIRST_PRODUCT), z])
 
 
 def _solution(qp: ConicQP, coordinates: _Coordinates, point: InteriorPoint) -> ConicSolution:
