@@ -5,7 +5,19 @@ from __future__ import annotations
 import sys
 from importlib import import_module
 
-NAMES = ("verdicts", "random_systems", "information", "design", "path_bounds", "selection", "filter_schedules", "logs", "files", "fuzz")
+NAMES = (
+    "verdicts",
+    "random_systems",
+    "information",
+    "design",
+    "path_bounds",
+    "selection",
+    "filter_schedules",
+    "filters",
+    "logs",
+    "files",
+    "fuzz",
+)
 
 
 def main(names: list[str]) -> None:
