@@ -104,3 +104,15 @@ def test_nothing_that_the_prior_knows_is_hidden_without_noise():
     assert schedule.value == pytest.approx(np.mean(traces), rel=1e-6)
     assert schedule.bound <= schedule.value
     assert np.isfinite(schedule.predicted).all()
+
+
+def test_a_determinant_that_is_rounding_is_none():
+    """An unstable state that nobody sees grows by e^58 and moves a stable one: log det P = 2 t tr A (Liouville), that of a double rounding."""
+    x = ca.SX.sym("x", 2)
+    A = np.array([[2.0, 0.0], [1.0, -1.0]])
+    system = od.ControlAffineSystem(x, ("a", "b"), drift=ca.DM(A) @ x, outputs={"y": x[0]}, sigmas={"y": 1.0})
+    path, closed = od.simulate(system, np.zeros(2), np.zeros((30, 0)), 1.0), (od.MaxUses("y", 0),)
+    schedule = od.select_for_filter(
+        system, path, od.Prior(np.zeros(2), std=(1.0, 1.0)), segment=10.0, rules=closed, criterion=od.LogDet(), over="end"
+    )
+    assert schedule.value == np.inf or schedule.value == pytest.approx(2 * 29 * np.trace(A), rel=1e-6)

@@ -29,6 +29,7 @@ from obsdesign.trajectory import Trajectory
 
 UNKNOWN_SPREADS = (1e3 / 3, 1e4 / 3, 1e5 / 3, 1e6 / 3)  # no round numbers: what rounding does has to show
 """What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
+_LEAST_CORRELATION = 1e-6  # the least eigenvalue of covariances in unit deviations whose determinant has eight digits
 _FAR_APART = 1e100  # times a standard deviation at first: what may count as one unit at most, and one part of it at least
 
 
@@ -178,8 +179,19 @@ class FilterQuestion:
     def _costs_of_covariances(self, chosen: np.ndarray) -> np.ndarray:
         covariances = self._covariances(chosen)
         is_infinite = np.isinf(covariances[:, 0, 0])
+        if not self.is_relative:  # a determinant that is rounding
+            is_infinite |= _smallest_correlation(covariances, self.costs.about) < _LEAST_CORRELATION
         covariances[is_infinite] = np.eye(covariances.shape[1])
         return np.where(is_infinite[self.costs.counted], np.inf, self.costs.each(covariances))
+
+
+def _smallest_correlation(covariances: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the smallest eigenvalue (N,) of covariances (N, n, n) of some states in unit deviations; 0 without numbers."""
+    block = covariances[:, places][:, :, places]
+    size = np.sqrt(np.maximum(np.diagonal(block, axis1=1, axis2=2), 0.0))
+    is_number = np.isfinite(block).all(axis=(1, 2)) & (size > 0).all(axis=1)
+    block[~is_number], size[~is_number] = 0.0, 1.0
+    return np.linalg.eigvalsh(block / size[:, :, None] / size[:, None, :])[:, 0]
 
 
 def deviations_of_roots(R: np.ndarray) -> np.ndarray:
