@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 import obsdesign as od
 from obsdesign.arguments import validate_arguments
 from obsdesign.design.path_bound.proof import path_bound_of
+from obsdesign.joint.joint_proof import joint_bound_of
 
 X = ca.SX.sym("x", 2)
 BEACON = (50.0, 20.0)
@@ -38,6 +39,7 @@ PROBLEM = {
 }
 DESIGN_PROBLEM = od.DesignProblem(**PROBLEM)
 CERTIFICATE = path_bound_of(DESIGN_PROBLEM).certificate
+JOINT_CERTIFICATE = joint_bound_of(DESIGN_PROBLEM, 4, 1).certificate
 ALONG = {"system": SYSTEM, "path": PATH}
 FROM_START = {"system": SYSTEM, "x0": PATH.x[0], "u": U, "dt": 0.5}
 THREE = od.System(od.Unicycle(), tuple(od.Bearing(place, 0.1) for place in ((2.0, 0.0), (-1.0, 1.7), (-1.0, -1.7))))
@@ -62,6 +64,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "standard_deviations": {"J": np.eye(3)},
     "observability": {"system": od.ControlAffineSystem(**LINEAR)},
     "check_path_bound": {"problem": DESIGN_PROBLEM, "certificate": CERTIFICATE},
+    "check_joint_bound": {"problem": DESIGN_PROBLEM, "segments": 4, "per_segment": 1, "certificate": JOINT_CERTIFICATE},
     "circle_residuals": {"system": THREE, "path": od.simulate(THREE, [0.0, 0.0, 0.1], np.tile([0.3, 0.1], (8, 1)), 0.5)},
     "landmark_circle": {"landmarks": CORNERS},
     "shortest_curve": {"start": (0.0, 0.0, 0.0), "end": (5.0, 5.0, 1.0), "radius": 1.0},
@@ -163,6 +166,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "UnavailableOutside": {"sensor": 0, "centre": BEACON, "radius": 1.0},
     "Unicycle": {},
     "UnscentedKalmanFilter": {"kappa": 1.0},
+    "JointCertificate": {"branches": ((-1, -1),), "ends": (CERTIFICATE,)},
     "PathCertificate": {"level": 1.0, "share": 0.1, "lengths": (1, 1), "multipliers": (1.0,)},
     "Via": {"point": BEACON, "tolerance": 1.0},
 }
@@ -188,6 +192,7 @@ RETURNED = (
         "Joint",
         "Loss",
         "ObsdesignError",
+        "JointBound",
         "PathBound",
         "Recording",
         "Topic",

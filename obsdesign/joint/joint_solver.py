@@ -16,7 +16,7 @@ from obsdesign.checks import require_count
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design
 from obsdesign.design.upper_bound import cap_of
-from obsdesign.errors import SolveError
+from obsdesign.errors import InputError, SolveError
 from obsdesign.joint.abstract import AbstractJointProblem
 from obsdesign.joint.alternation import AlternationResult, AlternationStart, Pair, alternate, certify
 from obsdesign.joint.filter_problem import FilterJointProblem
@@ -48,6 +48,7 @@ def codesign(
     seed: int = 0,
     executor: Executor | None = None,
     throw: bool = True,
+    gap: float | None = None,
     progress: Progress | None = None,
 ) -> Joint[Schedule]:
     """Choose them for what the samples tell of the start."""
@@ -67,6 +68,7 @@ def codesign(
     seed: int = 0,
     executor: Executor | None = None,
     throw: bool = True,
+    gap: float | None = None,
     progress: Progress | None = None,
 ) -> Joint[FilterSchedule]:
     """Choose them for what a filter knows."""
@@ -86,6 +88,7 @@ def codesign(
     seed: int = 0,
     executor: Executor | None = None,
     throw: bool = True,
+    gap: float | None = None,
     progress: Progress | None = None,
 ) -> Joint[Any]:
     """Choose a path and a schedule of its sensors together.
@@ -112,18 +115,22 @@ def codesign(
         seed: seed of these paths.
         executor: runs the local solves, one task each; the answer is the same for any number of workers.
         throw: False = return a failed Joint instead of raising SolveError.
+        gap: `joint.proof` branches on segments until its bound is that near to the value, or it has 200 nodes; None = without branches.
+            The answer is the same.
         progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for a range of durations, a criterion that does not go with the question (`Posterior` with "filter", one that
     is additive over sensors with "start"), segments that do not divide the steps; UnobservableError, and SolveError where no path and
     schedule were found.
     """
     require_count("starts", starts)
+    if gap is not None and not 0 <= gap < 1:
+        raise InputError(f"gap: is {gap:g}: must be at least 0 and less than 1")
     asked = problem, segments, per_segment, tuple(rules), seed, rounds
     search = _JointSearch(starts, executor, StageReport(_LOGGER, progress))
     joint = _solve_for_start(search, JointProblem(*asked)) if question == "start" else search.solve(FilterJointProblem(*asked))
     if throw and not joint.status.has_answer:
         raise SolveError("codesign", joint.status, joint.design.reason)
-    return joint
+    return replace(joint, per_segment=per_segment, gap_limit=gap)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Generic, TypeVar
 
-from obsdesign.design.record import Design
+import numpy as np
+
+from obsdesign.design.record import Design, gap_between
 from obsdesign.display import AbstractDisplay, Summary, number, raster_picture, raster_text
+from obsdesign.joint.certificate import JointBound
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
@@ -61,11 +65,38 @@ class Joint(AbstractDisplay, Generic[AnySchedule]):
     """How the search ended."""
     seconds: float
     """Wall time [s]."""
+    per_segment: int = 0
+    """How many sensors may be on at a time."""
+    gap_limit: float | None = None
+    """The gap to which `proof` branches; None: without branches."""
+
+    @cached_property
+    def proof(self) -> JointBound:
+        """What proves `bound`, computed when first asked for: a second, with a `gap_limit` up to a minute."""
+        from obsdesign.joint.joint_proof import joint_bound_of
+
+        if isinstance(self.schedule, FilterSchedule):
+            return JointBound(np.inf, None, "", (), "what a filter knows has no such bound")
+        if not self.status.has_answer or not self.per_segment:
+            return JointBound(np.inf, None, "", (), "there is no path and schedule")
+        problem = replace(self.design.problem, weights=None)
+        return joint_bound_of(problem, len(self.schedule.chosen), self.per_segment, self.value, self.gap_limit)
+
+    @property
+    def bound(self) -> float:
+        """No path of `proof.class_of_paths` has a value above this with any schedule; inf where nothing is proven."""
+        return self.proof.bound
+
+    @property
+    def gap(self) -> float:
+        """How far the value may be below the best there is: 1 - value / bound, or value / bound - 1 below 0; NaN without a bound."""
+        return gap_between(self.value, self.bound)
 
     def _summary(self) -> Summary:
         rows = [
             ("value", number(self.value)),
             ("objective", number(self.objective)),
+            ("bound of every path and schedule", f"{number(self.bound)}, gap {self.gap:.2%}" if np.isfinite(self.bound) else "none"),
             ("path first", number(self.path_first.objective)),
             ("sensors first", number(self.sensors_first.objective)),
             ("began from", self.origin),

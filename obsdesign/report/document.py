@@ -6,7 +6,16 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from obsdesign.report.document_parts import DesignPart, DocumentPart, Number, PathPart, ScenarioPart, VerdictPart, ViolationPart
+from obsdesign.report.document_parts import (
+    DesignPart,
+    DocumentPart,
+    JointBoundPart,
+    Number,
+    PathPart,
+    ScenarioPart,
+    VerdictPart,
+    ViolationPart,
+)
 from obsdesign.report.expectations import Expectation
 
 SCHEMA_VERSION = "1.6"
@@ -119,6 +128,7 @@ class JointPart(DocumentPart):
     alternation: list[float] = Field(description="objective after every half step on the way to the answer")
     bound: Number = Field(description="no schedule for the joint path is better than this")
     gap: Number
+    proof: JointBoundPart
 
 
 class ValidationPart(DocumentPart):

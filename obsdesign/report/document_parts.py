@@ -147,6 +147,26 @@ class PathBoundPart(DocumentPart):
     certificate: PathCertificatePart | None
 
 
+class JointCertificatePart(DocumentPart):
+    """A tree of cases of schedules, and what proves a bound at each of its ends."""
+
+    branches: list[tuple[int, int]] = Field(
+        description="[segment, option] of a node, what follows where that is taken, then where it is not; [-1, -1] at an end"
+    )
+    ends: list[PathCertificatePart]
+
+
+class JointBoundPart(DocumentPart):
+    """What proves that no path with any schedule is better."""
+
+    bound: Number = Field(description="no path has a value above it with any schedule; null: none is proven")
+    gap: Number
+    class_of_paths: str
+    left_out: list[str] = Field(description="what the bound makes no use of")
+    reason: str = Field(description="why there is no bound; empty where there is one")
+    certificate: JointCertificatePart | None
+
+
 class GapSearchPart(DocumentPart):
     """A search that went on until its gap was small enough, or its limit of starts was reached."""
 

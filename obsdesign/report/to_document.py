@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -28,7 +29,7 @@ from obsdesign.report.document import (
     SelectionPart,
     ValidationPart,
 )
-from obsdesign.report.document_parts import ScenarioPart, VerdictPart
+from obsdesign.report.document_parts import JointBoundPart, JointCertificatePart, ScenarioPart, VerdictPart
 from obsdesign.report.expectations import check_expectations
 from obsdesign.report.paths_to_document import design_part, path_part, suite_key, violation_parts
 from obsdesign.report.schedules_to_document import filter_part
@@ -170,6 +171,20 @@ def _joint(study: Study, joint: Joint[Schedule]) -> JointPart:
         alternation=list(joint.alternation),
         bound=joint.schedule.bound,
         gap=joint.schedule.gap,
+        proof=_joint_bound(joint),
+    )
+
+
+def _joint_bound(joint: Joint[Schedule]) -> JointBoundPart:
+    """Return the part of the bound on every path with every schedule."""
+    proof = joint.proof
+    return JointBoundPart(
+        bound=proof.bound,
+        gap=joint.gap,
+        class_of_paths=proof.class_of_paths,
+        left_out=list(proof.left_out),
+        reason=proof.reason,
+        certificate=None if proof.certificate is None else JointCertificatePart(**asdict(proof.certificate)),
     )
 
 

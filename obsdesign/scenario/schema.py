@@ -219,6 +219,9 @@ class CodesignTable(_ScenarioTable):
     """Choose path and schedule together, beside the one after the other."""
 
     starts: int = Field(default=4, ge=1, description="starts of each design, and of the search with relaxed schedules")
+    gap: float | None = Field(
+        default=None, ge=0, lt=1, description="the bound branches on segments until it is that near to the value, 200 nodes at most"
+    )
 
 
 class FlightTable(_ScenarioTable):

@@ -158,6 +158,7 @@ def _codesign(
         starts=settings.starts,
         seed=seed,
         executor=executor,
+        gap=settings.gap,
         progress=progress,
     )
 

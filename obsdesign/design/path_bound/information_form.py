@@ -92,21 +92,20 @@ def information_form(problem: DesignProblem, motion: AllowedMotion, samples: Sam
         raise InputError("the heading is not judged" if not judged[2] else f"{kind.__name__} of some of the states only")
     S = problem.units
     size, heading_size = np.array([S[:2].max(), *([S[3:5].max()] if has_wind else [])]), S[2]
-    root = np.sqrt(samples.positions)
     t = np.arange(motion.steps) * motion.step
-    X = root[:, None] * np.stack([np.ones_like(t), t], axis=1)[:, : len(size)] * size
+    X = samples.weigh(np.stack([np.ones_like(t), t], axis=1)[:, : len(size)] * size)
     rows, errors = _heading_rows(motion)
     prior = np.array([samples.known_position, samples.known_wind])[: len(size)] * size**2
     pairs = np.array([judged[:2].min(), *([judged[3:5].min()] if has_wind else [])])
-    scaled_errors = heading_size * root * errors
+    scaled_errors = heading_size * samples.weigh_errors(errors)
     form = InformationForm(
-        rows=heading_size * root[:, None] * rows,
+        rows=heading_size * samples.weigh(rows),
         X=X,
         prior=prior,
         judged=pairs if kind is MinEigenvalue else np.ones(len(size)) * (kind is TraceInverse),
         heading=samples.heading * heading_size**2,
         residual=float(np.linalg.norm(scaled_errors)) * (1 + 1e-12),
-        residual_moments=(X.T @ scaled_errors) * (1 + 1e-12),
+        residual_moments=(np.abs(X).T @ scaled_errors) * (1 + 1e-12),
         kind=kind,
     )
     if not np.isfinite(form.moment_rounding):

@@ -55,15 +55,19 @@ def check_path_bound(problem: DesignProblem, certificate: PathCertificate) -> fl
             raise InputError("certificate: has no multipliers, and there is nothing that no path changes: it proves no bound")
         return bound
     with one_thread(), np.errstate(all="ignore"):
-        relaxation = _relaxation(problem, tuple(certificate.lengths))
-        if not certificate.multipliers and np.isfinite(relaxation.value_of_positions):
-            return relaxation.value_of_positions
-        multipliers, wanted = np.array(certificate.multipliers), len(relaxation.constraints.limits)
-        if len(multipliers) != wanted:
-            raise InputError(f"certificate: has {len(multipliers)} multipliers: must be {wanted}, one for each constraint of this problem")
-        if not relaxation.proves(certificate.level, certificate.share, multipliers):
-            raise InputError(f"certificate: its multipliers do not prove the level {certificate.level:g} for this problem")
-        return relaxation.value_of(certificate.level, certificate.share)
+        return proven_value(_relaxation(problem, tuple(certificate.lengths)), certificate)
+
+
+def proven_value(relaxation: GramRelaxation, certificate: PathCertificate) -> float:
+    """Return the value that a certificate proves of a relaxation; raises InputError where it proves none."""
+    if not certificate.multipliers and np.isfinite(relaxation.value_of_positions):
+        return relaxation.value_of_positions
+    multipliers, wanted = np.array(certificate.multipliers), len(relaxation.constraints.limits)
+    if len(multipliers) != wanted:
+        raise InputError(f"certificate: has {len(multipliers)} multipliers: must be {wanted}, one for each constraint of this problem")
+    if not relaxation.proves(certificate.level, certificate.share, multipliers):
+        raise InputError(f"certificate: its multipliers do not prove the level {certificate.level:g} for this problem")
+    return relaxation.value_of(certificate.level, certificate.share)
 
 
 def _cap_bound(problem: DesignProblem) -> PathBound:
@@ -84,8 +88,8 @@ def _relaxed_bound(problem: DesignProblem, value: float, lengths: tuple[int, ...
     motion, top = relaxation.motion, relaxation.value_of_positions
     if len(motion.lengths) > _MOST_PIECES:
         raise InputError(f"the path has {len(motion.lengths)} pieces: the relaxation takes at most {_MOST_PIECES}")
-    left_out = tuple(dict.fromkeys((*motion.left_out, *relaxation.samples.left_out, *_left_out_scales(problem))))
-    proof = _proof(relaxation, value)
+    left_out = tuple(dict.fromkeys((*motion.left_out, *relaxation.samples.left_out, *left_out_scales(problem))))
+    proof = least_proof(relaxation, first_guess(relaxation, value))
     if proof is not None:
         certificate = PathCertificate(proof.level, proof.share, motion.lengths, tuple(proof.multipliers.tolist()))
         return PathBound(relaxation.value_of(proof.level, proof.share), certificate, motion.in_words, left_out)
@@ -97,22 +101,30 @@ def _relaxed_bound(problem: DesignProblem, value: float, lengths: tuple[int, ...
 
 def _relaxation(problem: DesignProblem, lengths: tuple[int, ...] | None) -> GramRelaxation:
     """The relaxation; raises InputError with the reason where there is none."""
-    if problem.prices or problem.robust is not None:
-        raise InputError("the path is judged by more than the information about one start")
+    require_information_alone(problem)
     return relaxation_of(problem, lengths)
 
 
-def _proof(relaxation: GramRelaxation, value: float) -> DualPoint | None:
-    """The least level whose proof goes through; near the value of a path that is there, it is looked for first."""
+def require_information_alone(problem: DesignProblem) -> None:
+    """Raise InputError where paths are judged by more than the information about one start."""
+    if problem.prices or problem.robust is not None:
+        raise InputError("the path is judged by more than the information about one start")
+
+
+def first_guess(relaxation: GramRelaxation, value: float) -> float:
+    """Return where to look for the least level: near the value of a path that is there, if the level is that."""
     top = relaxation.form.largest_level
-    guess = 0.9 * top if np.isfinite(top) else 1.0
     if relaxation.form.kind is MinEigenvalue and 0 < value < top:
-        guess = min(1.01 * value, (value + top) / 2)
-    return _provable(relaxation, least_level(relaxation, guess, _TOLERANCE))
+        return min(1.01 * value, (value + top) / 2)
+    return 0.9 * top if np.isfinite(top) else 1.0
 
 
-def _provable(relaxation: GramRelaxation, proof: DualPoint | None) -> DualPoint | None:
-    """Raise the level a little until the check goes through."""
+def least_proof(relaxation: GramRelaxation, guess: float, tolerance: float = _TOLERANCE) -> DualPoint | None:
+    """Return the least level, to a relative tolerance, whose proof goes through; None where no more is proven than what no path changes.
+
+    The level is raised a little until the check goes through, rounding included.
+    """
+    proof = least_level(relaxation, guess, tolerance)
     if proof is None:
         return None
     for k in range(_RAISES):
@@ -122,7 +134,7 @@ def _provable(relaxation: GramRelaxation, proof: DualPoint | None) -> DualPoint 
     return None
 
 
-def _left_out_scales(problem: DesignProblem) -> tuple[str, ...]:
-    """Units that differ between the axes: the larger one stands for both."""
+def left_out_scales(problem: DesignProblem) -> tuple[str, ...]:
+    """Return units that differ between the axes: the larger one stands for both."""
     S = problem.units
     return ("that scales of x and y differ",) if S[0] != S[1] or (len(S) > 4 and S[3] != S[4]) else ()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +29,8 @@ _UP = 1 + 1e-13  # what a few roundings make of a product at most
 class SampleBounds:
     """W + known <= sum_k positions_k m_k m_k' (x and y alike, m_k as position and heading move with the start) + diagonal terms.
 
-    positions (N,) [1/m^2]; heading [1/rad^2]; known_position [1/m^2], known_wind [s^2/m^2]: of both axes.
+    positions (N,) [1/m^2]; heading [1/rad^2]; known_position [1/m^2], known_wind [s^2/m^2]: of both axes. Where there are blocks B
+    (K, n, n), of K equal stretches of n samples, sum_kl (B'B)_kl m_k m_l' stands in place of the first sum.
     """
 
     positions: np.ndarray
@@ -36,15 +38,32 @@ class SampleBounds:
     known_position: float
     known_wind: float
     left_out: tuple[str, ...]
+    blocks: np.ndarray | None = None
+
+    def weigh(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows (N, d) of samples times the root of their weights."""
+        if self.blocks is None:
+            return np.sqrt(self.positions)[:, None] * rows
+        return (self.blocks @ rows.reshape(*self.blocks.shape[:2], -1)).reshape(rows.shape)
+
+    def weigh_errors(self, errors: np.ndarray) -> np.ndarray:
+        """Return what errors (N,) of rows are at most after that."""
+        return (self if self.blocks is None else replace(self, blocks=np.abs(self.blocks))).weigh(errors[:, None])[:, 0]
 
 
 def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBounds:
     """Return the weights; raises InputError with the reason where a sensor has no such bound."""
+    readings, left_out = readings_of(problem, motion)
+    positions, heading = outer_weights(readings)
+    return bounds_with_knowledge(problem, positions, float(heading.sum()), left_out)
+
+
+def readings_of(problem: DesignProblem, motion: AllowedMotion) -> tuple[list[ReadingBound], tuple[str, ...]]:
+    """Return what the samples of each sensor say, and what that leaves out; raises InputError as `sample_bounds_of` does."""
     system = problem.system
     if not isinstance(system, System):
         raise InputError("the system is none of the ready-made ones")
     _require_plain(system)
-    known = _diagonal_above(np.asarray(problem.known))
     amounts, readings, left_out = _amounts(problem, system), [], []
     for s, group in enumerate(system.groups):
         name, sensor = group.name, group.sensors[0]
@@ -53,16 +72,23 @@ def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBou
         reading = _reading(sensor, amounts[:, s] * precision, distances)
         readings.append(reading)
         left_out += [*words, *([] if distances is None else [f"that {name} sees one direction at a time, and how far the beacon is"])]
-    plain = sum((reading.position for reading in readings if reading.landmark is None), np.zeros(problem.steps))
-    positions, heading = _outer_weights(readings, plain, problem.steps)
+    return readings, tuple(left_out)
+
+
+def bounds_with_knowledge(
+    problem: DesignProblem, positions: np.ndarray, heading: float, left_out: tuple[str, ...], blocks: np.ndarray | None = None
+) -> SampleBounds:
+    """Return weights of samples with those of what is known."""
+    known = _diagonal_above(np.asarray(problem.known))
     if np.count_nonzero(np.asarray(problem.known) - np.diag(np.diag(np.asarray(problem.known)))):
-        left_out.append("what is known of one state with another")
+        left_out = (*left_out, "what is known of one state with another")
     return SampleBounds(
         positions * _UP,
         (heading + known[2]) * _UP * (1 + problem.steps * 1e-15),
         float(known[:2].max()) * _UP,
         (float(known[3:5].max()) if len(known) > 3 else 0.0) * _UP,
-        tuple(left_out),
+        left_out,
+        None if blocks is None else blocks * _UP,
     )
 
 
@@ -75,7 +101,7 @@ def _require_plain(system: System) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Reading:
+class ReadingBound:
     """What the samples of one sensor say: of positions in every direction, along or across the line of sight (N,), of the heading (N,).
 
     mixed: whether what is across and the heading come as one number, (e / r, -1).
@@ -89,28 +115,30 @@ class _Reading:
     is_mixed: bool = False
 
 
-def _reading(sensor: AbstractSensor, precision: np.ndarray, distances: np.ndarray | None) -> _Reading:
+def _reading(sensor: AbstractSensor, precision: np.ndarray, distances: np.ndarray | None) -> ReadingBound:
     none = np.zeros_like(precision)
     if distances is None:
         is_position = isinstance(sensor, GPS)
-        return _Reading(None, precision if is_position else none, none, none, none if is_position else precision)
+        return ReadingBound(None, precision if is_position else none, none, none, none if is_position else precision)
     if isinstance(sensor, Range):
-        return _Reading(sensor.landmarks[0], none, precision, none, none)
+        return ReadingBound(sensor.landmarks[0], none, precision, none, none)
     if (precision[distances <= 0] > 0).any():
         raise InputError(
             "a path may come as near to the beacon as it likes, where a bearing's information has no limit: a StandOff gives it one"
         )
     across = precision / np.where(distances > 0, distances, 1.0) ** 2
-    return _Reading(sensor.landmarks[0], none, none, across, precision, is_mixed=True)
+    return ReadingBound(sensor.landmarks[0], none, none, across, precision, is_mixed=True)
 
 
-def _outer_weights(readings: list[_Reading], plain: np.ndarray, steps: int) -> tuple[np.ndarray, float]:
-    """Weights of positions (N,) and of the heading that all readings together do not exceed.
+def outer_weights(readings: Sequence[ReadingBound]) -> tuple[np.ndarray, np.ndarray]:
+    """Return weights of positions (N,) and of the heading (N,) that all readings together do not exceed.
 
     a r r' + b e e' <= max(a, b) I for what is along and across the line of sight to one beacon. A bearing is
     (e / r, -1)(e / r, -1)' <= diag((1 + 1 / m) e e' / r^2, 1 + m) for every m > 0: small where others see the position better.
     """
-    positions, heading = plain.copy(), 0.0
+    steps = len(readings[0].position)
+    plain = sum((reading.position for reading in readings if reading.landmark is None), np.zeros(steps))
+    positions, heading = plain.copy(), np.zeros(steps)
     across, along = sum(float(each.across.sum()) for each in readings), sum(float(each.along.sum()) for each in readings)
     total = float(plain.sum()) + along + across
     m = float(np.clip(np.sqrt(across / total), _LEAST_MIX, 1.0)) if total > 0 else 1.0
@@ -119,7 +147,7 @@ def _outer_weights(readings: list[_Reading], plain: np.ndarray, steps: int) -> t
         radial, tangential = (sum((getattr(each, side) for each in here), np.zeros(steps)) for side in ("along", "across"))
         positions += np.maximum(radial, (1 + 1 / m) * tangential)
     for each in readings:
-        heading += float(each.heading.sum()) * (1 + m if each.is_mixed else 1.0)
+        heading += each.heading * (1 + m if each.is_mixed else 1.0)
     return positions, heading
 
 
