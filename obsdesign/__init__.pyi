@@ -79,8 +79,8 @@ from .information.perturbation_check import perturbation as perturbation
 from .information.posterior import posterior_information as posterior_information
 from .information.posterior import unknown_input_information as unknown_input_information
 from .information.windows import sliding_information as sliding_information
-from .joint.certificate import JointBound as JointBound
-from .joint.certificate import JointCertificate as JointCertificate
+from .joint.joint_certificate import JointBound as JointBound
+from .joint.joint_certificate import JointCertificate as JointCertificate
 from .joint.joint_proof import check_joint_bound as check_joint_bound
 from .joint.joint_solver import codesign as codesign
 from .joint.result import Joint as Joint

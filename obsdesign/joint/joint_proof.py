@@ -19,7 +19,7 @@ from obsdesign.design.path_bound.rounding import gram_matrix
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import gap_between
 from obsdesign.errors import InputError
-from obsdesign.joint.certificate import JointBound, JointCertificate
+from obsdesign.joint.joint_certificate import JointBound, JointCertificate
 from obsdesign.joint.schedule_relaxation import Node, ScheduleRelaxation, branch, schedule_relaxation
 
 NODES = 200  # at most, of the tree: work, not seconds

@@ -10,7 +10,7 @@ import numpy as np
 
 from obsdesign.design.record import Design, gap_between
 from obsdesign.display import AbstractDisplay, Summary, number, raster_picture, raster_text
-from obsdesign.joint.certificate import JointBound
+from obsdesign.joint.joint_certificate import JointBound
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
