@@ -290,7 +290,7 @@ def test_bad_input_is_one_message_that_names_key_value_and_remedy(case, tmp_path
 
 
 BAD_PAIRS = {
-    "an unknown question": ([selection('question = "now"')], ["selection.question", "'now'", "'filter' or 'start'"]),
+    "an unknown question": ([selection('question = "now"')], ["selection.question", "'now'", "'filter', 'start' or 'cheapest'"]),
     "a schedule over an unknown word": ([selection('over = "median"')], ["selection.over", "'median'", "'end', 'mean' or 'worst'"]),
     "too few weights of instants": ([selection("over = [1.0, 2.0]")], ["selection.over", "has 2 weights", "must be 120"]),
     "a negative weight of an instant": ([selection(f"over = {[-1.0] + 119 * [1.0]}")], ["selection.over[0]", "is -1", "at least 0"]),

@@ -154,6 +154,9 @@ def _numbers(result: Result) -> Iterator[tuple[str, _Numbered]]:
 
 
 def _schedule_numbers(path: str, selection: SelectionPart) -> Iterator[tuple[str, _Numbered]]:
+    if selection.cheapest is not None:
+        yield f"cost, cheapest schedule{path}", (selection.cheapest.value, "smaller")
+        yield f"gap, cheapest schedule{path}", (selection.cheapest.gap, "")
     if selection.filter is not None:
         yield f"cost, schedule for the filter{path}", (selection.filter.value, "smaller")
         yield f"gap, schedule for the filter{path}", (selection.filter.gap, "")

@@ -98,7 +98,7 @@ def is_about_all_states(study: Study) -> bool:
 
 def start_schedule_name(study: Study) -> str:
     """What the schedule for the start is called: chosen, where the start is what is asked."""
-    return CHOSEN if study.selection.question == "start" else FOR["start"]
+    return CHOSEN if study.selection.question_in_use == "start" else FOR["start"]
 
 
 def segment_nodes(study: Study) -> np.ndarray:

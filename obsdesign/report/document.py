@@ -18,7 +18,7 @@ from obsdesign.report.document_parts import (
 )
 from obsdesign.report.expectations import Expectation
 
-SCHEMA_VERSION = "1.6"
+SCHEMA_VERSION = "1.7"
 
 
 class LossPart(DocumentPart):
@@ -69,12 +69,48 @@ class FilterPart(DocumentPart):
     notes: list[str] = Field(description="what went otherwise than planned")
 
 
+class RequirementPart(DocumentPart):
+    """What a filter has to know along the way, and what it does know of it."""
+
+    about: list[str] = Field(description="states: the standard deviation of one, the root of the summed variances of several")
+    at_most: float = Field(description="the largest it may be, in `unit`")
+    unit: str
+    share: float = Field(description="at which share of the instants at least it holds")
+    after: float = Field(description="only instants count that are later than so many seconds from the beginning [s]")
+    instants: int = Field(description="how many count")
+    may_fail: int = Field(description="at how many of them it may be above")
+    failures: int | None = Field(description="at how many it is above with the cheapest schedule; null: there is none")
+    size: Number = Field(description="largest with the cheapest schedule, but those at the instants that may fail; null: there is none")
+    at: Number = Field(description="when that is [s]")
+
+
+class CheapestPart(DocumentPart):
+    """The cheapest schedule that keeps what is required of a filter."""
+
+    status: str = Field(description="INFEASIBLE: proven that none keeps it, `notes` say why")
+    chosen: list[list[int]] = Field(description="(K, S): 1 where the sensor is on in the segment")
+    seconds: dict[str, float] = Field(description="how long each sensor is on [s]")
+    cost: dict[str, float] = Field(description="what each sensor costs per segment that it is on")
+    start: dict[str, float] = Field(description="what it costs to switch it on")
+    value: Number = Field(description="what the schedule costs")
+    bound: Number = Field(description="none that keeps what is required costs less")
+    gap: Number = Field(description="1 - bound / value")
+    bound_by: str = Field(description="what proved the bound")
+    compared: dict[str, Number] = Field(description="what others cost; null: they break what is required")
+    requirements: list[RequirementPart]
+    notes: list[str] = Field(description="why there is none; what went otherwise than planned")
+
+
 class SelectionPart(DocumentPart):
     """The sensor schedules along a path: value, bound and all that follows from them are about the start; `filter` is about the filter."""
 
-    question: Literal["filter", "start"] = Field(description="which of the two is asked")
-    used: list[list[int]] = Field(description="(K, S): the schedule of the question that is asked: validation's `chosen`, schedule.csv")
+    question: Literal["filter", "start", "cheapest"] = Field(description="which of them is asked")
+    used: list[list[int]] = Field(
+        description="(K, S): the schedule of the question that is asked, that of the filter where none keeps the requirements: "
+        "`chosen` of validation, schedule.csv"
+    )
     filter: FilterPart | None = Field(description="null: too many sets of sensors to choose from")
+    cheapest: CheapestPart | None = Field(default=None, description="null: nothing is required")
 
     criterion: str = Field(description="kind of the criterion of S W S, from which what switching costs is taken off")
     criterion_label: str = Field(description="what sentences call it")

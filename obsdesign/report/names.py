@@ -6,8 +6,9 @@ import re
 
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.violation import Violation
-from obsdesign.report.number_format import NARROW, display_unit, numeral, percent
+from obsdesign.report.number_format import NARROW, display_unit, join, numeral, percent, plain
 from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE, Scenario
+from obsdesign.selection.posterior.requirement import RequiredKnowledge
 from obsdesign.signals import Signal
 from obsdesign.study.rated_schedules import FilterAnswer
 from obsdesign.study.record import Study
@@ -69,12 +70,21 @@ def minimised_in_words(scenario: Scenario) -> str:
     return f"{_COSTS.get(scenario.filter_criterion_kind, _OTHER_COST)}{' in ' + ', '.join(about) if about else ''}, {when}"
 
 
+def requirement_in_words(required: RequiredKnowledge) -> str:
+    """Return what is required: x and y within 8 m from 20 s on."""
+    requirement, signal = required.requirement, Signal("", required.unit)
+    factor, unit = display_unit(signal)
+    share = "" if requirement.share == 1 else f" at {percent(requirement.share)} of the instants"
+    after = f" later than {plain(requirement.after)}{NARROW}s" if requirement.after else ""
+    return f"{join(list(requirement.about))} within {plain(round(factor * requirement.at_most, 9))}{NARROW}{unit}{share}{after}"
+
+
 def asked_gap(study: Study) -> str:
-    """Return the gap of the schedule of the question that is asked."""
-    answer = study.selection.filter
-    if study.selection.question == "start" or answer is None:
-        return gap_in_words(study)
-    return filter_gap(study, answer)
+    """Return the gap of the schedule that the study uses."""
+    answer, cheapest, used = study.selection.filter, study.selection.cheapest, study.selection.question_in_use
+    if used == "cheapest" and cheapest is not None:
+        return percent(cheapest.schedule.gap)
+    return gap_in_words(study) if used == "start" or answer is None else filter_gap(study, answer)
 
 
 def filter_gap(study: Study, answer: FilterAnswer) -> str:

@@ -7,8 +7,10 @@ from rich.box import SIMPLE
 from rich.console import Group
 from rich.markup import escape
 
-from obsdesign.report.document import DesignPart, FilterPart, Result, SelectionPart, ValidationPart
+from obsdesign.report.document import CheapestPart, DesignPart, FilterPart, RequirementPart, Result, SelectionPart, ValidationPart
+from obsdesign.report.number_format import NOTHING
 from obsdesign.report.table import Entry, Table, TableColumn, tabulate
+from obsdesign.signals import Signal
 from obsdesign.status import Status
 from obsdesign.study.rated_schedules import FOR
 
@@ -29,7 +31,9 @@ def schedule_of(result: Result) -> Group:
 
 def _opening_line(selection: SelectionPart) -> tuple[str, ...]:
     """Say what was minimised or maximised, and what is proven of it."""
-    answer = selection.filter
+    answer, cheapest = selection.filter, selection.cheapest
+    if selection.question == "cheapest" and cheapest is not None:
+        return (f"minimised: what is on costs, with what is required kept: {escape(_cheapest_answer(cheapest))}",)
     if selection.question == "start" or answer is None:
         label = escape(selection.criterion_label)
         bound = f"{_number(_value(selection.value))}, no schedule is above {_number(_value(selection.bound))} (gap {_gap(selection)})"
@@ -49,7 +53,38 @@ def _schedules(path: str, selection: SelectionPart, title: str = "3 Which?") -> 
     if answer is None:
         return [_schedule(path, selection, title)]
     tables = [_schedule_for_filter(path, answer, title), _schedule(path, selection, title)]
-    return tables if selection.question == "filter" else tables[::-1]
+    ordered = tables[::-1] if selection.question == "start" else tables
+    return ordered if selection.cheapest is None else [_requirements(path, selection.cheapest, title), *ordered]
+
+
+def _cheapest_answer(part: CheapestPart) -> str:
+    """Say what keeping what is required costs, and what is proven of it; or why nothing keeps it."""
+    if part.value is None:
+        return part.notes[0]
+    gap = "" if not part.gap else f" (gap {part.gap:.2%})"
+    return f"{_number(part.value)}, none costs less than {_number(_value(part.bound))}{gap}"
+
+
+def _requirements(path: str, part: CheapestPart, title: str) -> Table:
+    of = f" {path}," if path else ""
+    rows = [
+        (_requirement(each), NOTHING if each.size is None else f"{_size(each, each.size)} at {each.at:g} s") for each in part.requirements
+    ]
+    proof = () if part.value is None else (f"status: {Status[part.status].value}; the bound: by {part.bound_by}",)
+    return tabulate(
+        f"{title}{of} cheapest", _cheapest_answer(part), (TableColumn("required"), TableColumn("comes to")), rows, (*proof, *part.notes)
+    )
+
+
+def _requirement(part: RequirementPart) -> str:
+    some = "" if part.share == 1 else f" at {part.share:.4g} of the instants"
+    after = f" after {part.after:g} s" if part.after else ""
+    return f"{' and '.join(part.about)} within {_size(part, part.at_most)}{some}{after}"
+
+
+def _size(part: RequirementPart, size: float) -> str:
+    factor, unit = Signal("", part.unit).display_unit
+    return f"{factor * size:.4g} {unit}".rstrip()
 
 
 def render(table: Table) -> rich.Table:

@@ -32,7 +32,7 @@ from obsdesign.report.document import (
 from obsdesign.report.document_parts import JointBoundPart, JointCertificatePart, ScenarioPart, VerdictPart
 from obsdesign.report.expectations import check_expectations
 from obsdesign.report.paths_to_document import design_part, path_part, suite_key, violation_parts
-from obsdesign.report.schedules_to_document import filter_part
+from obsdesign.report.schedules_to_document import cheapest_part, filter_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.report.study_record import encode_study
 from obsdesign.selection.pareto import Pareto
@@ -118,6 +118,7 @@ def _selection(study: Study) -> SelectionPart:
         question=selection.question,
         used=selection.chosen.astype(int).tolist(),
         filter=None if selection.filter is None else filter_part(study, selection.filter),
+        cheapest=None if selection.cheapest is None else cheapest_part(study, selection.cheapest),
         criterion=settings.criterion,
         criterion_label=study.scenario.schedule_criterion.label,
         gap_kind=study.scenario.schedule_criterion.gap_kind,

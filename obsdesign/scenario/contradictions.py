@@ -14,6 +14,7 @@ from obsdesign.families import kinds
 from obsdesign.moment import Moment
 from obsdesign.paths.abstract import Grid
 from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
+from obsdesign.scenario.requirement_problems import find_requirement_problems
 from obsdesign.scenario.rule_problems import find_rule_problems
 from obsdesign.scenario.schema import DESIGNED, GIVEN, SHORTEST, STRAIGHT, WEAVE, Leg, Scenario
 
@@ -37,6 +38,7 @@ def find_contradictions(scenario: Scenario, has_path: bool = False) -> Iterator[
     yield from _choice_problems(scenario)
     yield from _selection_problems(scenario)
     yield from find_rule_problems(scenario)
+    yield from find_requirement_problems(scenario, has_path)
     yield from _path_source_problems(scenario, has_path)
     yield from _criterion_problems(scenario)
     yield from _baseline_problems(scenario)

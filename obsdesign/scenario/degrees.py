@@ -7,12 +7,12 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from obsdesign.errors import InputError
+from obsdesign.scenario.kind_tables import SUFFIX
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
     from obsdesign.scenario.schema import Scenario
 
-SUFFIX = "_deg"
 _SPREADS = ("sigma", "bias_floor", "sigma_per_metre")  # in the unit of what a sensor measures
 _NOT_IN_SENSOR_UNIT = ("rate", "inflation", "correlation", "detection", "max_range", "beacon", "height", "lever_arm")  # of a sensor
 _NO_ANGLES = ("vehicle", "time", "path", "prices", "budgets", "floor", "robust", "flight", "validation", "selection")
@@ -49,6 +49,9 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     if location[0] == "sensors":
         measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
         return name not in _NOT_IN_SENSOR_UNIT and (measures_angles or name not in _SPREADS)
+    if location[:2] == ("selection", "requirements"):
+        about = scenario.selection.requirements[int(location[2])].about
+        return name == "at_most" and all(signal.unit.startswith("rad") for signal in signals if signal.name in about)
     return unit.startswith("rad") and not set(_NO_ANGLES) & set(location[:-1])
 
 

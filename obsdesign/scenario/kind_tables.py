@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Annotated, Any, Union
@@ -18,6 +19,7 @@ import obsdesign.vehicles
 from obsdesign.families import kinds, leaf
 
 COST = "cost"  # where the keys of a cost are kept beside what it counts for; no key of the file
+SUFFIX = "_deg"  # of a key whose value is in degrees
 _Json = dict[str, Any]
 
 # every class that a table may name under `kind`
@@ -61,6 +63,11 @@ def flat_table(amount_key: str) -> tuple[Any, ...]:
     return BeforeValidator(split), _FlatSchema(amount_key)
 
 
+def in_degrees_too(*keys: str) -> tuple[Any, ...]:
+    """Return what says in a table's JSON Schema that numbers may be given in degrees as well, under their keys with the suffix _deg."""
+    return (_DegreesSchema(keys),)
+
+
 def _tuples(value: Any, tables: bool = False) -> Any:  # noqa: ANN401
     """Lists become tuples, tables pairs unless they stay tables, as leaves keep them."""
     items = list(value.items()) if isinstance(value, dict) and not tables else value
@@ -79,13 +86,31 @@ class _KindSchema:
         table = handler.resolve_ref_schema(schema)
         if "kind" not in table["properties"]:
             properties = {key: _as_table(item) for key, item in table["properties"].items()}
-            degrees = {f"{key}_deg": item for key, item in properties.items() if self.angles and _is_number(item)}
-            required = table.get("required", [])
-            needed = [key for key in required if f"{key}_deg" not in degrees]
-            either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}_deg"]}]} for key in required if key not in needed]
-            table |= {"properties": {"kind": {"const": self.kind}} | properties | degrees, "required": ["kind", *needed]}
-            table |= {"allOf": either} if either else {}
+            table["properties"] = {"kind": {"const": self.kind}} | properties
+            table["required"] = ["kind", *table.get("required", [])]
+            _add_degrees(table, [key for key, item in properties.items() if self.angles and _is_number(item)])
         return schema
+
+
+@dataclass(frozen=True)
+class _DegreesSchema:
+    """Makes a table's JSON Schema accept some numbers in degrees, too."""
+
+    keys: tuple[str, ...]
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
+        schema = handler(core)
+        _add_degrees(handler.resolve_ref_schema(schema), self.keys)
+        return schema
+
+
+def _add_degrees(table: _Json, keys: Iterable[str]) -> None:
+    """Let a table have each of the keys with the suffix _deg in its place."""
+    required = table.get("required", [])
+    needed = [key for key in required if key not in keys]
+    either = [{"anyOf": [{"required": [key]}, {"required": [f"{key}{SUFFIX}"]}]} for key in required if key in keys]
+    table["properties"] |= {f"{key}{SUFFIX}": table["properties"][key] for key in keys}
+    table |= {"required": needed} | ({"allOf": either} if either else {})
 
 
 def _is_number(schema: _Json) -> bool:

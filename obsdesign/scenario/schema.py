@@ -19,7 +19,7 @@ from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import leaf
 from obsdesign.noise_density import PerSpeed
 from obsdesign.rules.switching_cost import SwitchingCost
-from obsdesign.scenario.kind_tables import family_of, flat_table
+from obsdesign.scenario.kind_tables import family_of, flat_table, in_degrees_too
 from obsdesign.sensors._group import distinct_names
 
 if TYPE_CHECKING:
@@ -171,7 +171,8 @@ class DesignTable(_ScenarioTable):
     robust: RobustTable | None = None
 
 
-Question = Literal["filter", "start"]
+Question = Literal["filter", "start", "cheapest"]
+NotNegative = Annotated[float, Field(ge=0)]
 _FILTER_GAP = 1e-3  # to which a schedule for the filter is proven, unless the file says otherwise
 _MAX_SETS = 1000  # sets of sensors that a schedule for the filter chooses from
 
@@ -182,14 +183,34 @@ def _as_tuple(value: Any) -> Any:  # noqa: ANN401
     return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
 
 
+class RequirementTable(_ScenarioTable):
+    """What a filter has to know: the standard deviation of a state, or the root of the summed variances of several, is at most so much."""
+
+    about: Annotated[tuple[str, ...], BeforeValidator(_as_tuple), WithJsonSchema(_NAMES)] = Field(
+        min_length=1, description="the state, or several of one unit"
+    )
+    at_most: float = Field(gt=0, description="the largest standard deviation, in the unit of the states")
+    share: float = Field(default=1.0, gt=0, le=1, description="at which share of the instants at least; 1 = all")
+    after: float = Field(default=0.0, ge=0, description="only instants count that are later than so many seconds from the beginning")
+
+
 class SelectionTable(_ScenarioTable):
     """Which sensors, when, and to what end."""
 
     question: Question | None = Field(
         default=None,
         description="whom a schedule serves: filter = what a filter knows along the way, start = what all samples say of the state at the "
-        "start; default: filter where [process_noise] is given and nothing is asked that only start knows, else start",
+        "start, cheapest = what [[selection.requirements]] ask of a filter, at the least cost; default: cheapest where there are "
+        "requirements, else filter where [process_noise] is given and nothing is asked that only start knows, else start",
     )
+    requirements: tuple[Annotated[RequirementTable, *in_degrees_too("at_most")], ...] = Field(
+        default=(), description="what a filter has to know along the way: the cheapest schedule that keeps all of it is looked for"
+    )
+    cost: dict[str, NotNegative] | None = Field(
+        default=None,
+        description="what each sensor costs per segment that it is on, 0 for those left out; default: 1 each, fewest segments on",
+    )
+    start: dict[str, NotNegative] = Field(default={}, description="what it costs to switch a sensor on, in the unit of cost")
     over: Literal["mean", "worst", "end"] | tuple[float, ...] = Field(
         default="mean",
         description="which instants count for the filter: the mean of all, the worst, the last, or weights, one for each step",
@@ -272,7 +293,7 @@ class Scenario(_ScenarioTable):
     )
     time: Time
     """Duration, step and segment [s]."""
-    place: PlaceTable | None = None
+    place: Annotated[PlaceTable, *in_degrees_too("bearing")] | None = None
     """Where on Earth the scenario lies; None = nowhere, so that paths are written in metres only."""
     manoeuvres: tuple[Manoeuvre, ...] = Field(default_factory=lambda: (Manoeuvre(name="free"),))
     """Ways of moving for which the observable space is computed."""
@@ -359,10 +380,12 @@ class Scenario(_ScenarioTable):
 
     @property
     def schedule_question(self) -> Question:
-        """Whom the schedule serves: the filter along the way, or information about the start."""
+        """Whom the schedule serves: the filter along the way, information about the start, or what is required at the least cost."""
         settings = self.selection
         if settings.question is not None:
             return settings.question
+        if settings.requirements:
+            return "cheapest"
         is_for_filter = any(any(self._psd_of(name)) for name in self.process_noise) and not settings.robust_to and self.has_filter_schedule
         return "filter" if is_for_filter else "start"
 
@@ -384,8 +407,8 @@ class Scenario(_ScenarioTable):
 
     @property
     def filter_gap(self) -> float:
-        """How near to the best a schedule for the filter is to be proven."""
-        is_given = "gap" in self.selection.model_fields_set and self.schedule_question == "filter"
+        """How near to the best a schedule for the filter, and a cheapest one, is to be proven."""
+        is_given = "gap" in self.selection.model_fields_set and self.schedule_question != "start"
         return self.selection.gap if is_given else _FILTER_GAP
 
     def rules_for(self, question: Question) -> tuple[AbstractRule, ...]:

@@ -1,4 +1,4 @@
-"""Schedules under two questions: what all samples say of the start, and what a filter knows along the way."""
+"""Schedules under two questions: what all samples say of the start, and what a filter knows along the way; and what is required."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 
 from obsdesign.scenario.schema import Question
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
+from obsdesign.selection.posterior.requirement import RequiredKnowledge
 
-FOR: dict[Question, str] = {"filter": "for the filter", "start": "for the start"}
+FOR: dict[Question, str] = {"filter": "for the filter", "start": "for the start", "cheapest": "cheapest"}
 """What the schedule of each question is called."""
 GREEDY, ALL_ON, ROUND_ROBIN = "greedy", "all on", "round robin"
 
@@ -46,3 +47,17 @@ class FilterAnswer:
     def find(self, name: str) -> RatedSchedule | None:
         """Return the schedule of a name; None where there is none."""
         return next((rated for rated in self.rated if rated.name == name), None)
+
+
+@dataclass(frozen=True, eq=False)
+class CheapestAnswer:
+    """The cheapest schedule that keeps what is required, or why there is none (status INFEASIBLE, `notes`), and what is required."""
+
+    schedule: FilterSchedule
+    required: tuple[RequiredKnowledge, ...]
+
+    @property
+    def nearest(self) -> RequiredKnowledge:
+        """The requirement whose limit the schedule comes nearest to."""
+        predicted = self.schedule.predicted
+        return max(self.required, key=lambda required: required.worst(predicted)[0] / required.requirement.at_most)

@@ -20,9 +20,10 @@ from obsdesign.joint.result import Joint
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Question, Scenario
 from obsdesign.selection.pareto import Pareto
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.sensor_loss import Loss
-from obsdesign.study.rated_schedules import FOR, FilterAnswer
+from obsdesign.study.rated_schedules import FOR, CheapestAnswer, FilterAnswer
 from obsdesign.study.thinned_path import ThinnedPath
 from obsdesign.trajectory import Trajectory
 
@@ -108,7 +109,8 @@ class Selection:
     """The schedule for a path, and what one would have done without thinking.
 
     schedule: for what all samples say of the start; filter: for what a filter knows along the way, with schedules under both questions,
-    None where it was not looked for; question: which of them is asked, so that the study uses its schedule.
+    None where it was not looked for; cheapest: what keeps the requirements, None without any; question: which of them is asked, so that
+    the study uses its schedule, or that for the filter where none keeps the requirements.
     exact: what the samples of the schedule for the start say together where errors are not independent, so that its value and bound, and
     those of the others, are about amounts from below; None where they are exact themselves.
     random_values: values of random schedules that keep the rules, sorted; losses: what losing each sensor costs, () for a single
@@ -123,20 +125,34 @@ class Selection:
     exact: float | None = None
     question: Question = "start"
     filter: FilterAnswer | None = None
+    cheapest: CheapestAnswer | None = None
+
+    @property
+    def answers(self) -> dict[Question, np.ndarray]:
+        """The schedules (K, S) that there are, by the question that they answer."""
+        cheapest, filter_answer = self.cheapest, self.filter
+        schedules: dict[Question, Schedule | FilterSchedule] = {}
+        if cheapest is not None:
+            schedules["cheapest"] = cheapest.schedule
+        if filter_answer is not None:
+            schedules["filter"] = filter_answer.schedule
+        schedules["start"] = self.schedule
+        return {question: schedule.chosen for question, schedule in schedules.items() if schedule.status.has_answer}
+
+    @property
+    def question_in_use(self) -> Question:
+        """The question whose schedule the study uses: the one that is asked; that of the filter where the cheapest one does not exist."""
+        return "filter" if self.question == "cheapest" and "cheapest" not in self.answers else self.question
 
     @property
     def chosen(self) -> np.ndarray:
-        """The schedule (K, S) of the question that is asked: what is on."""
-        return self.filter.schedule.chosen if self.question == "filter" and self.filter is not None else self.schedule.chosen
+        """The schedule (K, S) that the study uses: what is on."""
+        return self.answers.get(self.question_in_use, self.schedule.chosen)
 
     @property
-    def other(self) -> tuple[str, np.ndarray] | None:
-        """Name and schedule (K, S) of the question that is not asked; None where it has no answer."""
-        if self.question == "filter":
-            return (FOR["start"], self.schedule.chosen) if self.schedule.status.has_answer else None
-        if self.filter is None or not self.filter.schedule.status.has_answer:
-            return None
-        return FOR["filter"], self.filter.schedule.chosen
+    def others(self) -> dict[str, np.ndarray]:
+        """Schedules (K, S) of questions that are not asked, by name."""
+        return {FOR[question]: chosen for question, chosen in self.answers.items() if question != self.question_in_use}
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,6 +223,10 @@ class Study(AbstractDisplay):
             answer = self.selection.filter.schedule
             text = f"{number(answer.value)}, none is below {number(answer.bound)}, {answer.status.value}"
             rows.append(("schedule for the filter", text))
+        if self.selection.cheapest is not None:
+            cheapest = self.selection.cheapest.schedule
+            text = f"{number(cheapest.value)}, none is below {number(cheapest.bound)}, {cheapest.status.value}"
+            rows.append(("cheapest schedule", text if cheapest.status.has_answer else cheapest.notes[0]))
         rows += [(f"filter on {check.path}, {check.schedule}", check.validation.verdict) for check in self.checks]
         rows.append(("took", number(sum(self.seconds.values()), "s")))
         return Summary(f"study: {self.scenario.title}", tuple(rows))

@@ -67,7 +67,7 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     joint = _codesign(scenario, problems[0], seed, executor, stage.report.within)
     stage(
         "codesign" if joint is not None else "",
-        f"Does it hold? {scenario.validation.runs} filter runs for each of {4 + (selection.other is not None)} cases",
+        f"Does it hold? {scenario.validation.runs} filter runs for each of {4 + len(selection.others)} cases",
     )
     cases = tuple(next(candidate for candidate in candidates if candidate.name == name) for name in (DESIGNED, baseline_of(scenario)))
     checks = tuple(_checks(scenario, cases, selection, seed, executor, stage.report.within))
@@ -107,7 +107,7 @@ def _run_along(scenario: Scenario, seed: int, executor: Executor | None, progres
         on = f"{scenario.selection.per_segment} of {len(scenario.sensor_names)} sensors on"
         stage("", f"Which? {case.name}: {len(case.nodes) - 1} segments, {on}")
         selection = select(scenario, case, problems[0], seed, stage.report.within)
-        stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of {2 + (selection.other is not None)} cases")
+        stage("select", f"Does it hold? {scenario.validation.runs} filter runs for each of {2 + len(selection.others)} cases")
         checks = tuple(_checks(scenario, (case,), selection, seed, executor, stage.report.within))
         stage("validate", "")
         studies.append(Study(scenario, seed, analyses, problems, (), None, candidates, selection, checks, stage.seconds, about=case.name))
@@ -188,11 +188,10 @@ def _checks(
     executor: Executor | None,
     progress: Progress | None,
 ) -> Iterator[FilterCheck]:
-    """Filter runs on each path, with the chosen schedule and with the naive one; on the first with that of the other question too."""
+    """Filter runs on each path, with the chosen schedule and with the naive one; on the first with those of the other questions too."""
     schedules = {CHOSEN: selection.chosen, selection.rivals[0].name: selection.rivals[0].chosen}
-    other = {} if selection.other is None else {selection.other[0]: selection.other[1]}
     for case in cases:
-        for name, chosen in (schedules | other if case is cases[0] else schedules).items():
+        for name, chosen in (schedules | selection.others if case is cases[0] else schedules).items():
             validation = validate(
                 scenario.system,
                 case.path,

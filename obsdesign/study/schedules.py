@@ -21,6 +21,7 @@ from obsdesign.selection.schedule import Schedule
 from obsdesign.selection.sensor_loss import sensor_losses
 from obsdesign.selection.solver import select_sensors
 from obsdesign.study.broken_rules import rule_violations
+from obsdesign.study.cheapest_answer import answer_for_requirements
 from obsdesign.study.filter_answer import answer_for_filter
 from obsdesign.study.rated_schedules import FOR, ROUND_ROBIN
 from obsdesign.study.record import Candidate, RivalSchedule, Selection
@@ -31,7 +32,7 @@ _RANDOM_FOR_FILTER = 50  # each takes a posterior along the path
 
 
 def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, seed: int, progress: Progress | None = None) -> Selection:
-    """Choose the sensors along a path, for the start and for the filter, and rate the naive schedules."""
+    """Choose the sensors along a path, for the start, for the filter and for what is required, and rate the naive schedules."""
     blocks, settings, criterion = problem.scaled(candidate.blocks), scenario.selection, scenario.schedule_criterion
     segments = segments_along(scenario.system.model, candidate.path, candidate.nodes)
     (K, S), m, rules = blocks.shape[:2], settings.per_segment, scenario.rules_for("start")
@@ -49,7 +50,10 @@ def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, see
     instance = build_problem(blocks, m, rules, criterion, settings.robust_to, segments)
     rivals = _naive_schedules(scenario, K)
     losses = sensor_losses(blocks, schedule, m, rules=rules, criterion=criterion, segments=segments) if S > 1 else ()
+    cheapest = answer_for_requirements(scenario, candidate, seed)
     others = ({FOR["start"]: schedule.chosen} if schedule.status.has_answer else {}) | rivals
+    if cheapest is not None and cheapest.schedule.status.has_answer:
+        others = {FOR["cheapest"]: cheapest.schedule.chosen} | others
     return Selection(
         schedule=schedule,
         rivals=tuple(
@@ -68,6 +72,7 @@ def select(scenario: Scenario, candidate: Candidate, problem: DesignProblem, see
             tuple(islice(_random_schedules(instance, m, bool(rules), seed), _RANDOM_FOR_FILTER)),
             seed,
         ),
+        cheapest=cheapest,
     )
 
 

@@ -13,6 +13,7 @@ from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, Picture, inline_svg, styled_figure
 from obsdesign.report.names import filter_gap, gap_in_words, path_in_words
 from obsdesign.report.number_format import NARROW, numeral, plain
+from obsdesign.scenario.schema import Question
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.study.rated_schedules import FOR
@@ -36,10 +37,8 @@ def schedule(schedule: Schedule | FilterSchedule, names: Sequence[str] | None = 
 
 
 def picture(study: Study) -> Picture:
-    """Return the raster of the schedules of both questions, that of the one that is asked above."""
+    """Return the raster of the schedules of all questions, that of the one that is asked above."""
     rasters = _rasters(study)
-    if study.selection.question == "filter":
-        rasters.reverse()
     figure = draw_rasters(rasters, study.scenario.sensor_names, segment_nodes(study))
     description = f"Which sensor is on in which segment of {path_in_words(study.about)}"
     seconds = plain(study.scenario.time.segment)
@@ -72,15 +71,19 @@ def draw_rasters(rasters: Sequence[tuple[str, np.ndarray]], names: Sequence[str]
 
 
 def _rasters(study: Study) -> list[tuple[str, np.ndarray]]:
-    """Titles and schedules (K, S) for the start, and for the filter where there is one."""
-    start, answer = study.selection.schedule, study.selection.filter
-    symbol = study.scenario.schedule_criterion.symbol
-    values = f"{symbol} {numeral(start.value)}, gap {gap_in_words(study)}"
-    if answer is None or not answer.schedule.status.has_answer:
+    """Titles and schedules (K, S) for each question that has an answer, that of the one that is asked first."""
+    selection, start = study.selection, study.selection.schedule
+    values = f"{study.scenario.schedule_criterion.symbol} {numeral(start.value)}, gap {gap_in_words(study)}"
+    titles: dict[Question, str] = {"start": values}
+    if selection.filter is not None and selection.filter.schedule.status.has_answer:
+        titles["filter"] = f"cost {numeral(selection.filter.schedule.value)}, gap {filter_gap(study, selection.filter)}"
+    if selection.cheapest is not None and selection.cheapest.schedule.status.has_answer:
+        cheapest = selection.cheapest.schedule
+        titles["cheapest"] = f"costs {numeral(cheapest.value)}, none that keeps what is required less than {numeral(cheapest.bound)}"
+    if len(titles) == 1:
         return [(values, start.chosen)]
-    schedule = answer.schedule
-    cost = f"cost {numeral(schedule.value)}, gap {filter_gap(study, answer)}"
-    return [(f"{FOR['start']}: {values}", start.chosen), (f"{FOR['filter']}: {cost}", schedule.chosen)]
+    ordered = sorted(titles, key=lambda question: question != selection.question_in_use)
+    return [(f"{FOR[question]}: {titles[question]}", selection.answers.get(question, start.chosen)) for question in ordered]
 
 
 def _draw_rows(axes: Axes, chosen: np.ndarray, times: np.ndarray) -> None:

@@ -92,7 +92,7 @@ def questions_table(study: Study, answer: FilterAnswer) -> Table:
 
 def _errors_on_the_way(study: Study) -> dict[str, np.ndarray]:
     """Root mean square errors (n,) over all instants with samples, by schedule, of the filters that ran on the path."""
-    called = {CHOSEN: FOR[study.selection.question]}
+    called = {CHOSEN: FOR[study.selection.question_in_use]}
     return {
         called.get(check.schedule, check.schedule): np.sqrt(np.mean(check.validation.rmse[:-1] ** 2, axis=0))
         for check in study.checks

@@ -7,13 +7,23 @@ import math
 import numpy as np
 
 from obsdesign.report import derived_quantities as facts
-from obsdesign.report.figures import decision_costs, energy_front, path_map, predicted_errors, rival_bars, schedule_raster, sensor_prices
+from obsdesign.report.figures import (
+    decision_costs,
+    energy_front,
+    path_map,
+    predicted_errors,
+    required_errors,
+    rival_bars,
+    schedule_raster,
+    sensor_prices,
+)
 from obsdesign.report.figures.rival_bars import rival_values
 from obsdesign.report.names import capitalise, gap_in_words, has_relative_gap, path_in_words, path_suffix, schedule_criterion
 from obsdesign.report.number_format import NARROW, SUPERSCRIPT, join, numeral, plain, typeset
 from obsdesign.report.section import Section
 from obsdesign.report.sections._rules import rule_in_words
 from obsdesign.report.sections._segment_traits import segment_traits, usage_in_words
+from obsdesign.report.sections.cheapest_schedule import cheapest_answer, cheapest_notes, expenses_table, requirements_table
 from obsdesign.report.sections.filter_schedule import filter_answer, filter_clause, filter_notes, questions_table
 from obsdesign.report.table import Entry, Table, TableColumn, Toned, finite, hundredths, seconds, tabulate
 from obsdesign.status import Status
@@ -23,26 +33,34 @@ from obsdesign.study.record import RivalSchedule, Study
 def section(study: Study) -> Section:
     """Return the answer to "Which?"."""
     for_start, for_filter = (decision_costs, rival_bars, energy_front), (predicted_errors, sensor_prices)
-    is_for_filter, rated = study.selection.question == "filter", study.selection.filter
-    ordered = (*for_filter, *for_start) if is_for_filter else (*for_start, *for_filter)
-    figures = (*(() if study.designs else (path_map,)), schedule_raster, *ordered)
+    rated, cheapest = study.selection.filter, study.selection.cheapest
+    ordered = (*for_start, *for_filter) if study.selection.question == "start" else (*for_filter, *for_start)
+    figures = (*(() if study.designs else (path_map,)), schedule_raster, required_errors, *ordered)
     both = () if rated is None else (questions_table(study, rated),)
+    required = () if cheapest is None else (requirements_table(study, cheapest), expenses_table(study, cheapest))
     losses = (losses_table(study),) if study.selection.losses else ()
     return Section(
         f"which{facts.drawing_suffix(study)}",
         f"Which?{path_suffix(study)}",
         answer(study),
         tuple(picture for figure in figures if (picture := figure.picture(study)) is not None),
-        (*both, usage_table(study), schedules_table(study), *losses),
-        (*(() if rated is None else filter_notes(study, rated)), *_method_notes(study)),
+        (*required, *both, usage_table(study), schedules_table(study), *losses),
+        (
+            *(() if cheapest is None else cheapest_notes(cheapest)),
+            *(() if rated is None else filter_notes(study, rated)),
+            *_method_notes(study),
+        ),
     )
 
 
 def answer(study: Study) -> str:
     """Answer "Which?": when and where each sensor is on, how far that is from the best, what the others reach."""
     schedule, name, rated = study.selection.schedule, schedule_criterion(study), study.selection.filter
-    words = f"{capitalise(schedule_in_words(study))}: {usage_in_words(study)}."
-    if study.selection.question == "filter" and rated is not None:
+    words, cheapest = f"{capitalise(schedule_in_words(study))}: {usage_in_words(study)}.", study.selection.cheapest
+    words = words if cheapest is None else f"{words} {cheapest_answer(study, cheapest)}"
+    if study.selection.question_in_use == "cheapest":
+        return words
+    if study.selection.question_in_use == "filter" and rated is not None:
         return f"{words} {filter_answer(study, rated, _schedule_count(study))}"
     others = join(
         [

@@ -108,7 +108,9 @@ def _reason(study: Study, check: FilterCheck) -> str:
 
 
 def _purpose(study: Study) -> str:
-    if study.selection.question == "filter":
+    if study.selection.question_in_use == "cheapest":
+        return "the least cost at which what is required is kept"
+    if study.selection.question_in_use == "filter":
         return minimised_in_words(study.scenario)
     return "what the whole path says about the start state, not for the last instant"
 

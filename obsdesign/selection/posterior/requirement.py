@@ -81,9 +81,19 @@ class RequiredKnowledge:
         """Return the root of the summed variances (N,) of standard deviations (N, n)."""
         return np.sqrt((predicted[:, self.places] ** 2).sum(axis=1))
 
+    def failures(self, predicted: np.ndarray) -> int:
+        """Return at how many of the instants that count standard deviations (N, n) are above the limit."""
+        return int((self.deviations(predicted)[self.counted] > self.limit).sum())
+
     def holds(self, predicted: np.ndarray) -> bool:
         """Whether standard deviations (N, n) keep it."""
-        return int((self.deviations(predicted)[self.counted] > self.limit).sum()) <= self.misses
+        return self.failures(predicted) <= self.misses
+
+    def worst(self, predicted: np.ndarray) -> tuple[float, int]:
+        """Return the size on which it depends whether it is kept, and at which instant that is: the largest but those that may fail."""
+        deviations = np.where(self.counted, self.deviations(predicted), -np.inf)
+        k = int(np.argsort(-deviations, kind="stable")[self.misses])
+        return float(deviations[k]), k
 
     def excess(self, predicted: np.ndarray, t: np.ndarray) -> str:
         """Return where standard deviations (N, n) at times (N,) break it, in words: x is 7.1 m at 83 s."""
