@@ -43,6 +43,7 @@ from .design.violation import Violation as Violation
 from .design.violation import ViolationKind as ViolationKind
 from .dynamics.control_affine import ControlAffineSystem as ControlAffineSystem
 from .dynamics.input_states import InputStates as InputStates
+from .dynamics.output_noise import OutputNoise as OutputNoise
 from .dynamics.simulation import simulate as simulate
 from .dynamics.system import System as System
 from .errors import InputError as InputError

@@ -96,6 +96,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "Bearing": {"beacon": BEACON, "sigma": 0.1},
     "Budget": {"cost": od.FlightTime(), "at_most": 1.0},
     "CircleClearance": {"clearance": 1.0, "time_scale": 1.0},
+    "OutputNoise": {"sigma": 0.1},
     "ControlAffineSystem": {**LINEAR, "unknown": {"w": ca.vertcat(1, 0)}, "sigmas": {"y": 2.0}, "angles": ("a",)},
     "Course": {"sigma": 0.1},
     "DesignProblem": PROBLEM,

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known, require_positive
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model, Noise, columns
+from obsdesign.dynamics.expressions import abbreviate, as_expression, require_dependence, require_expression
+from obsdesign.dynamics.model import AbstractSystem, Channel, Model, columns
+from obsdesign.dynamics.output_noise import OutputNoise, noise_from
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
 
@@ -37,11 +39,13 @@ class ControlAffineSystem(AbstractSystem):
     unknown: Mapping[str, ca.SX] = field(default_factory=dict)
     """Name of an unknown input (a disturbance) -> the vector field (n, 1) that it multiplies."""
     outputs: Mapping[str, ca.SX] = field(default_factory=dict)
-    """Name -> scalar expression of the state, each one a sensor."""
+    """Name -> expression of the state, each one a sensor: a scalar, or a column (q, 1) of name_1, ..., name_q, which come together."""
     sigmas: Mapping[str, float] = field(default_factory=dict)
     """Name of an output -> standard deviation of one sample, in the output's unit; 1 where it is not named."""
     angles: tuple[str, ...] = ()
-    """Names of states and outputs that wrap to (-pi, pi] [rad]."""
+    """Names of states, outputs and entries of outputs that wrap to (-pi, pi] [rad]."""
+    noises: Mapping[str, OutputNoise] = field(default_factory=dict)
+    """Name of an output -> all that is to be said of its errors and of when its samples come; in place of a number in `sigmas`."""
 
     @classmethod
     def from_rate(  # noqa: PLR0917  # the fields of the record, in their order
@@ -54,6 +58,7 @@ class ControlAffineSystem(AbstractSystem):
         outputs: Mapping[str, ca.SX] | None = None,
         sigmas: Mapping[str, float] | None = None,
         angles: Sequence[str] = (),
+        noises: Mapping[str, OutputNoise] | None = None,
     ) -> ControlAffineSystem:
         """Return the system whose rate of change is one expression of the state and the inputs: xdot = rate.
 
@@ -62,7 +67,7 @@ class ControlAffineSystem(AbstractSystem):
             names: names of the n states.
             rate (n, 1): expression of the symbols of states and inputs, affine in the inputs, in the unit of the state per second.
             known, unknown: name of an input -> its symbol.
-            outputs, sigmas, angles: as the fields of those names.
+            outputs, sigmas, angles, noises: as the fields of those names.
         Raises InputError where the rate is not affine in an input, and as the record itself does.
         """
         import casadi as ca
@@ -74,7 +79,7 @@ class ControlAffineSystem(AbstractSystem):
         for j, name in enumerate(inputs):
             for i in range(rate.numel()):
                 if ca.depends_on(slopes[i, j], symbols):
-                    raise InputError(f"the rate of {names[i]} = {_abbreviate(rate[i])} is not affine in {name!r}")
+                    raise InputError(f"the rate of {names[i]} = {abbreviate(rate[i])} is not affine in {name!r}")
         # values, not slopes: a derivative would round products of constants
         drift = ca.substitute(rate, symbols, ca.SX.zeros(symbols.numel())) if inputs else rate
         column = {}
@@ -83,7 +88,9 @@ class ControlAffineSystem(AbstractSystem):
             is_driven = ca.densify(ca.SX([float(slopes[i, j].nnz() > 0) for i in range(rate.numel())]))
             column[name] = is_driven * (ca.substitute(rate, symbols, unit) - drift)
         groups = [{name: column[name] for name in group} for group in (known, unknown)]
-        return cls(state, tuple(names), drift, groups[0], groups[1], dict(outputs or {}), dict(sigmas or {}), tuple(angles))
+        return cls(
+            state, tuple(names), drift, groups[0], groups[1], dict(outputs or {}), dict(sigmas or {}), tuple(angles), dict(noises or {})
+        )
 
     def __post_init__(self) -> None:
         import casadi as ca
@@ -92,12 +99,13 @@ class ControlAffineSystem(AbstractSystem):
             raise InputError(f"state is {self.state!r}: must be a column of distinct SX symbols")
         n = self.state.numel()
         object.__setattr__(self, "names", tuple(self.names))
-        object.__setattr__(self, "drift", ca.SX.zeros(n) if self.drift is None else _as_expression("drift", self.drift))
+        object.__setattr__(self, "drift", ca.SX.zeros(n) if self.drift is None else as_expression("drift", self.drift))
         for group in ("known", "unknown", "outputs"):
-            expressions = {name: _as_expression(f"{group}[{name!r}]", value) for name, value in getattr(self, group).items()}
+            expressions = {name: as_expression(f"{group}[{name!r}]", value) for name, value in getattr(self, group).items()}
             object.__setattr__(self, group, expressions)
         object.__setattr__(self, "sigmas", dict(self.sigmas))
         object.__setattr__(self, "angles", tuple(self.angles))
+        object.__setattr__(self, "noises", dict(self.noises))
         self._check()
 
     def _check(self) -> None:
@@ -109,32 +117,50 @@ class ControlAffineSystem(AbstractSystem):
         if len(self.names) != n:
             raise InputError(f"names has {len(self.names)} entries: the state has {n}")
         measured_states = {
-            name for i, name in enumerate(self.names) if name in self.outputs and ca.is_equal(self.outputs[name], self.state[i])
+            name
+            for i, name in enumerate(self.names)
+            if name in self.outputs and self.outputs[name].numel() == 1 and ca.is_equal(self.outputs[name], self.state[i])
         }
-        all_names = [*self.names, *self.known, *self.unknown, *(name for name in self.outputs if name not in measured_states)]
+        all_names = [*self.names, *self.known, *self.unknown, *(name for name in self._entries if name not in measured_states)]
         repeated = sorted({name for name in all_names if all_names.count(name) > 1})
         if repeated:
             raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")
         inputs = {**dict.fromkeys(self.known, "known input"), **dict.fromkeys(self.unknown, "unknown input")}
         for name, expression in {"drift": self.drift, **self.known, **self.unknown}.items():
-            _require_expression(f"field {name!r}" if name in inputs else name, expression, self.state, (n, 1), inputs)
+            require_expression(f"field {name!r}" if name in inputs else name, expression, self.state, (n, 1), inputs)
         for name, expression in self.outputs.items():
-            _require_expression(f"output {name!r}", expression, self.state, (1, 1), inputs)
-            _require_dependence(name, expression, self.state)
+            require_expression(f"output {name!r}", expression, self.state, (max(expression.shape[0], 1), 1), inputs)
+            require_dependence(name, expression, self.state)
         require_known("sigmas", tuple(self.sigmas), tuple(self.outputs))
-        require_known("angles", self.angles, (*self.names, *self.outputs))
+        require_known("angles", self.angles, (*self.names, *self.outputs, *self._entries))
         for name, sigma in self.sigmas.items():
             require_positive(f"{name}: sigma", sigma)
+        require_known("noises", tuple(self.noises), tuple(self.outputs))
+        for name, noise in self.noises.items():
+            if name in self.sigmas:
+                raise InputError(f"noises: {name!r} is in sigmas, too: one of the two says how well it is measured")
+            for what, expression in (("sigma", noise.noise.spread), ("gate", noise.noise.gate)):
+                shapes = ((1, 1), (self.outputs[name].numel(), 1)) if what == "sigma" else ((1, 1),)
+                shape = expression.shape if expression.shape in shapes else shapes[-1]
+                require_expression(f"noises: {what} of {name!r}", expression, self.state, shape, inputs)
+
+    @property
+    def _entries(self) -> tuple[str, ...]:
+        """Names of all entries of all outputs."""
+        return tuple(entry for name in self.outputs for entry in self._entries_of(name))
+
+    def _entries_of(self, name: str) -> tuple[str, ...]:
+        q = self.outputs[name].numel()
+        return (name,) if q == 1 else tuple(f"{name}_{i + 1}" for i in range(q))
+
+    def _channel(self, name: str) -> Channel:
+        signals = tuple(Signal(entry, is_angle=entry in self.angles or name in self.angles) for entry in self._entries_of(name))
+        noise = self.noises.get(name, OutputNoise(self.sigmas.get(name, 1.0)))
+        return Channel(name, signals, self.outputs[name], noise.noise, noise.rate, noise.landmarks)
 
     def _build(self) -> Model:
-        import casadi as ca
-
         n = self.state.numel()
-        signals = {name: Signal(name, is_angle=name in self.angles) for name in (*self.names, *self.outputs)}
-        channels = tuple(
-            Channel(name, (signals[name],), expression, Noise(ca.SX(self.sigmas.get(name, 1.0)), ca.SX(1)))
-            for name, expression in self.outputs.items()
-        )
+        signals = {name: Signal(name, is_angle=name in self.angles) for name in self.names}
         return Model(
             x=self.state,
             states=tuple(signals[name] for name in self.names),
@@ -143,7 +169,7 @@ class ControlAffineSystem(AbstractSystem):
             B=columns(list(self.known.values()), n),
             unknown_inputs=tuple(Signal(name) for name in self.unknown),
             G=columns(list(self.unknown.values()), n),
-            channels=channels,
+            channels=tuple(self._channel(name) for name in self.outputs),
         )
 
     @cached_property
@@ -152,9 +178,11 @@ class ControlAffineSystem(AbstractSystem):
         import casadi as ca
 
         expressions = [self.drift, *self.known.values(), *self.unknown.values(), *self.outputs.values()]
+        expressions += [expression for noise in self.noises.values() for expression in noise.expressions]
         graph = ca.Function("system", [self.state], expressions).serialize()
         names = (self.names, tuple(self.known), tuple(self.unknown), tuple(self.outputs))
-        return graph, names, tuple(sorted(self.sigmas.items())), self.angles
+        noises = tuple((name, noise.numbers) for name, noise in self.noises.items())
+        return graph, names, tuple(sorted(self.sigmas.items())), self.angles, noises
 
     def __eq__(self, value: object) -> bool:
         return isinstance(value, ControlAffineSystem) and self._key == value._key
@@ -171,7 +199,11 @@ class ControlAffineSystem(AbstractSystem):
 
 
 def _restore(
-    graph: str, names: tuple[tuple[str, ...], ...], sigmas: tuple[tuple[str, float], ...], angles: tuple[str, ...]
+    graph: str,
+    names: tuple[tuple[str, ...], ...],
+    sigmas: tuple[tuple[str, float], ...],
+    angles: tuple[str, ...],
+    noises: tuple[tuple[str, tuple[object, ...]], ...],
 ) -> ControlAffineSystem:
     import casadi as ca
 
@@ -180,46 +212,8 @@ def _restore(
     values = iter(ca.Function.deserialize(graph).call([x]))
     drift = next(values)
     groups = [{name: next(values) for name in group} for group in (known_names, unknown_names, output_names)]
-    system = ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles)
+    noise_of = {name: noise_from(numbers, values) for name, numbers in noises}
+    system = ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles, noise_of)
     # the restored graph may be written in another order: its key stays the one it was made from
-    object.__setattr__(system, "_key", (graph, names, sigmas, angles))
+    object.__setattr__(system, "_key", (graph, names, sigmas, angles, noises))
     return system
-
-
-def _as_expression(what: str, value: object) -> ca.SX:
-    import casadi as ca
-
-    try:
-        return ca.SX(value)  # pyright: ignore[reportArgumentType, reportCallIssue]
-    except NotImplementedError:
-        raise InputError(f"{what} is {_abbreviate(value)}: must be a CasADi SX expression, such as casadi.vertcat(...) of some") from None
-
-
-def _require_expression(what: str, expression: ca.SX, state: ca.SX, shape: tuple[int, int], inputs: Mapping[str, str]) -> None:
-    """Raise InputError unless the expression has the shape and contains no symbols but the state; inputs: name -> what it is."""
-    import casadi as ca
-
-    if expression.shape != shape:
-        raise InputError(f"{what} has shape {expression.shape}: must be {shape}")
-    free = [symbol for symbol in ca.symvar(expression) if not ca.depends_on(symbol, state)]
-    if free:
-        name = free[0].name()
-        cause = (
-            f"the {inputs[name]} {name!r}: the rate must be affine in inputs, and outputs free of them"
-            if name in inputs
-            else f"the free symbol {name}"
-        )
-        state_names = ", ".join(sorted(symbol.name() for symbol in ca.symvar(state)))
-        raise InputError(f"{what} = {_abbreviate(expression)} contains {cause}; only the state may appear ({state_names})")
-
-
-def _abbreviate(expression: object) -> str:
-    text = str(expression)
-    return text if len(text) <= 80 else f"{text[:77]}..."
-
-
-def _require_dependence(name: str, expression: ca.SX, state: ca.SX) -> None:
-    import casadi as ca
-
-    if not ca.depends_on(expression, state):
-        raise InputError(f"output {name} does not depend on the state: {expression}")

@@ -48,14 +48,7 @@ class AbstractSensor(ABC):
     """What reports, schedules and rules call the sensor."""
 
     def __post_init__(self) -> None:
-        if self.rate is not None:
-            require_positive(f"{self.name}: rate", self.rate)
-        require_positive(f"{self.name}: inflation", self.inflation)
-        require_within(f"{self.name}: bias_floor", self.bias_floor)
-        require_within(f"{self.name}: correlation", self.correlation, below=1.0)
-        require_positive(f"{self.name}: detection", self.detection)
-        if self.detection > 1:
-            raise InputError(f"{self.name}: detection is {self.detection!r}: must be at most 1")
+        require_sampling(f"{self.name}: ", self.rate, self.inflation, self.bias_floor, self.correlation, self.detection)
         for field in ("scale", "bias", "group"):
             if getattr(self, field) == "":
                 raise InputError(f"{self.name}: {field} is '': must be a name")
@@ -83,3 +76,15 @@ class AbstractSensor(ABC):
     @abstractmethod
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return what share of the samples arrives at the state, in (0, 1], smooth."""
+
+
+def require_sampling(prefix: str, rate: float | None, inflation: float, bias_floor: float, correlation: float, detection: float) -> None:
+    """Raise InputError, after a prefix, for what no errors and no samples of a sensor can be like."""
+    if rate is not None:
+        require_positive(f"{prefix}rate", rate)
+    require_positive(f"{prefix}inflation", inflation)
+    require_within(f"{prefix}bias_floor", bias_floor)
+    require_within(f"{prefix}correlation", correlation, below=1.0)
+    require_positive(f"{prefix}detection", detection)
+    if detection > 1:
+        raise InputError(f"{prefix}detection is {detection!r}: must be at most 1")
