@@ -117,7 +117,7 @@ def random_samples(seed: int) -> tuple[CorrelatedSamples, np.random.Generator]:
     gate = random.choice([0.0, 1.0, 0.5, 0.9, 0.01], (N, S))[:, list(owner)] if random.random() < 0.5 else np.ones((N, q))
     periods = random.integers(1, 4, S)
     due = np.stack([np.arange(N) % periods[s] == 0 for s in owner], axis=1)
-    return CorrelatedSamples(colour, random.standard_normal((N, q, n)) * level[..., None], level, gate, due), random
+    return CorrelatedSamples(colour, random.standard_normal((N, q, n)) * level[..., None], level, gate, due, np.arange(N), N), random
 
 
 def check_random(seed: int) -> None:

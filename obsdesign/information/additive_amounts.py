@@ -20,7 +20,7 @@ class AdditiveFactors:
     def rows(self, firsts: np.ndarray) -> list[np.ndarray]:
         """Return fresh (N, 1), factor and spread (N, q) for the recursion over stretches that begin at steps `firsts`."""
         is_first = np.zeros((len(self.factor), 1))
-        is_first[firsts] = 1.0
+        is_first[firsts[firsts < len(is_first)]] = 1.0
         return [is_first, self.factor, np.tile(self.bias_factor, (len(self.factor), 1))]
 
 

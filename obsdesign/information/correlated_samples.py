@@ -18,10 +18,10 @@ from obsdesign.information.whitening import ColouredOutputs, SampleSelection, wh
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedSamples:
-    """What the coloured outputs read along a path of N steps, about x(t_0).
+    """What the coloured outputs read at M instants along a path of N steps, about x(t_0).
 
-    rows (N, q, n): dy/dx(t_0) / spread; level (N, q): 1 / spread; gate (N, q): share that arrives; sampling (N, q): where the clock of
-    the output's sensor has a sample.
+    rows (M, q, n): dy/dx(t_0) / spread; level (M, q): 1 / spread; gate (M, q): share that arrives; sampling (M, q): where the clock of
+    the output's sensor has a sample; step (M,): in which step each instant is, none before the other.
     """
 
     colour: Colour
@@ -29,6 +29,8 @@ class CorrelatedSamples:
     level: np.ndarray
     gate: np.ndarray
     sampling: np.ndarray
+    step: np.ndarray
+    steps: int
 
     def only(self, sensor_indices: Sequence[int]) -> CorrelatedSamples | None:
         """Return the samples of the sensors at those places among all, None where none of them is coloured."""
@@ -38,36 +40,42 @@ class CorrelatedSamples:
         if not coloured:
             return None
         outputs = [j for s in coloured.values() for j in self.colour.outputs_of(s)]
-        return CorrelatedSamples(
-            self.colour.only(tuple(coloured.values()), tuple(coloured)), *(values[:, outputs] for values in self._arrays)
-        )
+        rows, level, gate, sampling = (values[:, outputs] for values in self._arrays)
+        colour = self.colour.only(tuple(coloured.values()), tuple(coloured))
+        return CorrelatedSamples(colour, rows, level, gate, sampling, self.step, self.steps)
 
     def then(self, later: CorrelatedSamples, Phi: np.ndarray) -> CorrelatedSamples:
         """Return these followed by others, taken where Phi (n, n) leads: errors go on as from one sample to the next."""
-        transported = CorrelatedSamples(later.colour, later.rows @ Phi, later.level, later.gate, later.sampling)
-        return CorrelatedSamples(self.colour, *(np.concatenate(pair) for pair in zip(self._arrays, transported._arrays, strict=True)))
+        transported = later.rows @ Phi, later.level, later.gate, later.sampling
+        rows, level, gate, sampling = (np.concatenate(pair) for pair in zip(self._arrays, transported, strict=True))
+        step = np.concatenate([self.step, self.steps + later.step])
+        return CorrelatedSamples(self.colour, rows, level, gate, sampling, step, self.steps + later.steps)
 
     def information(self, weights: np.ndarray | None = None) -> np.ndarray:
         """W (n, n) = A' R^-1 A, R the covariance of all errors; weights (N, s): which sensors are on, or how much their samples count."""
-        rows = self.independent_rows if weights is None else self._whiten(self.colour, weights[:, list(self.colour.owner)])
+        rows = self.independent_rows if weights is None else self._whiten(self.colour, weights[self.step][:, list(self.colour.owner)])
         stacked = rows.reshape(-1, rows.shape[-1])
         return stacked.T @ stacked
 
     def along(self, v: np.ndarray) -> np.ndarray:
         """Return (N, s) summing to v'W v: what each sample says beyond those before it, and beside it in its group."""
         squares = (self._rows_of_unit_variance @ v) ** 2
-        return np.stack([squares[:, self.colour.outputs_of(s)].sum(axis=1) for s in range(len(self.colour.sensors))], axis=1)
+        at_instants = np.stack([squares[:, self.colour.outputs_of(s)].sum(axis=1) for s in range(len(self.colour.sensors))], axis=1)
+        by_step = np.zeros((self.steps, at_instants.shape[1]))
+        np.add.at(by_step, self.step, at_instants)
+        return by_step
 
     def amounts(self, firsts: np.ndarray) -> np.ndarray:
-        """Return (K, s, n, n): what may be counted for each sensor in each of K stretches, which begin at steps `firsts`.
+        """Return (K, s, n, n): what may be counted for each sensor in each of K stretches, which begin with steps `firsts`.
 
         However many of them are added up, they are no more than what those samples say together; see `additive_factors`.
         """
-        N, q, n = self.rows.shape
+        M, q, n = self.rows.shape
+        firsts = np.searchsorted(self.step, firsts)
         rows = self._whiten(
             self.colour.without_cross_correlation, np.ones(self.level.shape), additive_factors(self.colour, self.sampling, firsts), firsts
         )
-        step_indices = _step_indices(firsts, N)
+        step_indices = _step_indices(firsts, M)
         rows = np.concatenate([rows, np.zeros((1, q, n))])[step_indices]
         sensor_rows = [rows[:, :, self.colour.outputs_of(s)].reshape(len(step_indices), -1, n) for s in range(len(self.colour.sensors))]
         return np.stack([A.swapaxes(1, 2) @ A for A in sensor_rows], axis=1)

@@ -24,8 +24,14 @@ from obsdesign.information.blocks import Information, with_samples
 from obsdesign.information.correlated_noise import colour_of, require_coloured
 from obsdesign.information.correlated_samples import CorrelatedSamples
 from obsdesign.information.provenance import origin_of
-from obsdesign.information.recorded_samples import recorded_samples, require_independent
-from obsdesign.information.sample_information import require_finite_blocks, samples_with_colour, zero_unsampled
+from obsdesign.information.recorded_samples import RecordedSamples, recorded_samples
+from obsdesign.information.sample_information import (
+    require_derivatives,
+    require_finite_blocks,
+    samples_at,
+    samples_with_colour,
+    zero_unsampled,
+)
 from obsdesign.information.whitening import outputs_with_colour
 from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory
@@ -82,27 +88,41 @@ def _gramian_of_log(system: AbstractSystem, path: Trajectory, weighted: bool, lo
     """Phi_k' (sum of F' C' R^-1 C F) Phi_k, F from t_k to each sample before t_k+1."""
     if not weighted:
         raise InputError("weighted is False with samples of a log: an integral over time asks for no samples")
-    require_independent(system)
     arrived, along = recorded_samples(system, path, log), system_along(system, path, is_sampling_given=True)
     Phi = transition_matrices(along, path)
     blocks = Phi[:-1, None].swapaxes(2, 3) @ arrived.local_blocks @ Phi[:-1, None]
-    return with_samples(require_finite_blocks(blocks, along, path), system.model.sensor_names, Phi[-1], None, None)
+    samples = None if colour_of(system.model) is None else _coloured_samples_of_log(arrived)
+    return with_samples(require_finite_blocks(blocks, along, path), system.model.sensor_names, Phi[-1], samples, None)
+
+
+def _coloured_samples_of_log(arrived: RecordedSamples) -> CorrelatedSamples:
+    """Return the samples of the sensors whose errors are not independent, each at its own time."""
+    events, system, n = arrived.event_path, arrived.system, arrived.path.x.shape[1]
+    colour, (_, rows, level, gate) = require_coloured(system.model), _walk_with_colour(system, events.path)[1]
+    sampling = (events.weights > 0)[:, colour.sensor_of_output]
+    values = rows.reshape(len(sampling), colour.q, n), level, gate
+    if not all_finite(np.where(sampling[..., None], values[0], 0.0)):
+        require_derivatives(system, events.path, events.weights > 0)
+    return samples_at(colour, values, sampling, events.step, arrived.path.steps)
 
 
 def _gramian_with_colour(system: AbstractSystem, path: Trajectory) -> Information:
     """The same with the samples of the sensors whose errors are not independent."""
-    model, n = system.model, path.x.shape[1]
-    split, colour = _step_split(system, path), require_coloured(model)
-    sensitivity = looped_step(model, *split).sensitivity
-    rows = [path.x[:-1], all_inputs_along(system, path)]
-    run = _sensitivity_scan_with_colour(model, *split).run(sensitivity.start[None], rows, path.steps, carries=False)
-    blocks = zero_unsampled(run.results[0].reshape(path.steps, -1, n, n), system, path.pace)
+    n, colour = path.x.shape[1], require_coloured(system.model)
+    transition, (blocks, rows, level, gate) = _walk_with_colour(system, path)
+    blocks = zero_unsampled(blocks.reshape(path.steps, -1, n, n), system, path.pace)
     blocks = require_finite_blocks(blocks, system, path)
-    output_arrays = [values[0] for values in run.results[1:]]
-    samples = samples_with_colour(
-        system, colour, output_arrays[0].reshape(path.steps, colour.q, n), output_arrays[1], output_arrays[2], path.pace
-    )
-    return with_samples(blocks, model.sensor_names, sensitivity.full(run.carry)[-1], samples, origin_of(system, path))
+    samples = samples_with_colour(system, colour, rows.reshape(path.steps, colour.q, n), level, gate, path.pace)
+    return with_samples(blocks, system.model.sensor_names, transition, samples, origin_of(system, path))
+
+
+def _walk_with_colour(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+    """Return Phi (n, n) at the end, and the results of `_sensitivity_scan_with_colour` at each step (N, .)."""
+    split = _step_split(system, path)
+    sensitivity = looped_step(system.model, *split).sensitivity
+    rows = [path.x[:-1], all_inputs_along(system, path)]
+    run = _sensitivity_scan_with_colour(system.model, *split).run(sensitivity.start[None], rows, path.steps, carries=False)
+    return sensitivity.full(run.carry)[-1], tuple(values[0] for values in run.results)
 
 
 @validate_arguments

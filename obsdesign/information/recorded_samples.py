@@ -14,7 +14,6 @@ from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import inputs_along, join_inputs, readings, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
 from obsdesign.errors import InputError
-from obsdesign.information.correlated_noise import colour_of
 from obsdesign.logs.events import repeats, require_samples
 from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory, uneven_path_of
@@ -158,15 +157,6 @@ def require_single_spread(model: Model, channel: Channel) -> None:
         raise InputError(
             f"log: a sample of {channel.name!r} has a sigma of its own: that is accepted for sensors whose outputs have one unit and"
             " independent errors"
-        )
-
-
-def require_independent(system: AbstractSystem) -> None:
-    """Raise InputError where errors of samples are not independent."""
-    if colour_of(system.model) is not None:
-        raise InputError(
-            "samples of a log whose errors are constant or joint have no blocks that add up: posterior_information accepts them,"
-            " sensors without `bias_floor` and `joint_noise` are accepted"
         )
 
 

@@ -34,9 +34,16 @@ def samples_with_colour(
 ) -> CorrelatedSamples:
     """Return the samples of coloured outputs, rows (N, q, n), level and gate (N, q), 0 where there is none."""
     sampling = sampling_mask(system, len(rows), step)[:, colour.sensor_of_output]
-    return CorrelatedSamples(
-        colour, np.where(sampling[..., None], rows, 0.0), np.where(sampling, level, 0.0), np.where(sampling, gate, 0.0), sampling
-    )
+    return samples_at(colour, (rows, level, gate), sampling, np.arange(len(rows)), len(rows))
+
+
+def samples_at(
+    colour: Colour, values: tuple[np.ndarray, np.ndarray, np.ndarray], sampling: np.ndarray, step: np.ndarray, steps: int
+) -> CorrelatedSamples:
+    """Return the samples of coloured outputs at instants in steps, values rows (M, q, n), level and gate (M, q), where there is one."""
+    rows, level, gate = values
+    level, gate = np.where(sampling, level, 0.0), np.where(sampling, gate, 0.0)
+    return CorrelatedSamples(colour, np.where(sampling[..., None], rows, 0.0), level, gate, sampling, step, steps)
 
 
 def require_finite_blocks(blocks: np.ndarray, system: AbstractSystem, path: Trajectory) -> np.ndarray:

@@ -15,11 +15,11 @@ from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
 from obsdesign.errors import InputError
-from obsdesign.information.accumulation import accumulator_along
+from obsdesign.information.accumulation import Accumulator, accumulator_along
 from obsdesign.information.correlated_noise import colour_of
 from obsdesign.information.gramian import require_fit
-from obsdesign.information.recorded_samples import recorded_samples, require_independent
-from obsdesign.information.sample_information import require_finite_blocks, zero_unsampled
+from obsdesign.information.recorded_samples import RecordedSamples, recorded_samples
+from obsdesign.information.sample_information import require_derivatives, require_finite_blocks, zero_unsampled
 from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory
 
@@ -42,12 +42,13 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int, s
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)
-    arrived = None if samples is None else _samples_by_step(system, path, samples)
-    system = system_along(system, path, is_sampling_given=arrived is not None)
+    recorded = None if samples is None else recorded_samples(system, path, samples)
+    system = system_along(system, path, is_sampling_given=recorded is not None)
     require_count("window", window, minimum=1, maximum=path.steps)
     window = int(window)  # whole numbers of NumPy do not know their bits
-    if colour_of(system.model) is not None and arrived is None:
-        return _accumulate_windows(system, path, window)
+    if colour_of(system.model) is not None:
+        return _accumulate_windows(system, path, window) if recorded is None else _accumulate_windows_of_log(recorded, window)
+    arrived = None if recorded is None else recorded.local_blocks
     local = local_information(system, path)
     stretches = [local if arrived is None else (local[0], arrived)]  # of 1, 2, 4, ... steps
     for bit in range(window.bit_length() - 1):
@@ -59,25 +60,42 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int, s
     return _require_finite(path, combined[1][: path.steps - window + 1].copy())
 
 
-def _samples_by_step(system: AbstractSystem, path: Trajectory, log: Log) -> np.ndarray:
-    require_independent(system)
-    return recorded_samples(system, path, log).local_blocks
-
-
 def _accumulate_windows(system: AbstractSystem, path: Trajectory, window: int) -> np.ndarray:
     """The same by a walk along each window."""
     accumulator = accumulator_along(system.model, path.pace, substeps_along(system, path))
     rows = [path.x[:-1], all_inputs_along(system, path), *accumulator.sampling_rows(system, path.steps, path.pace)]
-    windows = [np.moveaxis(np.lib.stride_tricks.sliding_window_view(values, window, axis=0), 2, 1) for values in rows]
-    start, totals = np.concatenate([accumulator.start, np.zeros(len(accumulator.packing.rows))]), []
-    count = max(1, _MAX_ENTRIES // (window * sum(values.shape[1] for values in rows)))
-    for first in range(0, path.steps - window + 1, count):
-        parts = [values[first : first + count] for values in windows]
-        carry = accumulator.scan.run(np.tile(start, (len(parts[0]), 1)), parts, window, carries=False).carry
-        totals.append(accumulator.packing.full(carry[:, len(accumulator.start) :]))
-    if not all(map(all_finite, totals)):
+    places = np.arange(path.steps - window + 1)[:, None] + np.arange(window)
+    windows = _sums_at(accumulator, rows, places)
+    if not all_finite(windows):
         local_information(system, path)  # a landmark on the path, perhaps
-    return _require_finite(path, np.concatenate(totals))
+    return _require_finite(path, windows)
+
+
+def _accumulate_windows_of_log(recorded: RecordedSamples, window: int) -> np.ndarray:
+    """The same through the instants of the samples in each window; where it has fewer than others, steps of no length without a sample."""
+    events, system, steps = recorded.event_path, recorded.system, recorded.path.steps
+    path, sampling = events.path, (events.weights > 0).astype(float)
+    accumulator = accumulator_along(system.model, path.pace, substeps_along(system, path))
+    rows = [path.x[:-1], all_inputs_along(system, path), sampling, sampling]
+    silent = [np.vstack([values, values[-1:] if i == 0 else np.zeros((1, values.shape[1]))]) for i, values in enumerate(rows)]
+    begins, ends = (np.searchsorted(events.step, np.arange(steps - window + 1) + shift) for shift in (0, window))
+    places = begins[:, None] + np.arange(int(np.max(ends - begins)))
+    windows = _sums_at(accumulator, silent, np.where(places < ends[:, None], places, path.steps))
+    if not all_finite(windows):
+        require_derivatives(system, path, events.weights > 0)
+    return _require_finite(recorded.path, windows)
+
+
+def _sums_at(accumulator: Accumulator, rows: list[np.ndarray], places: np.ndarray) -> np.ndarray:
+    """Return the sums (W, S, n, n) of walks through rows (N, .) at places (W, L), each from a start of its own."""
+    start, totals = np.concatenate([accumulator.start, np.zeros(len(accumulator.packing.rows))]), []
+    count = max(1, _MAX_ENTRIES // (places.shape[1] * sum(values.shape[1] for values in rows)))
+    for first in range(0, len(places), count):
+        chosen = places[first : first + count]
+        parts = [values[chosen] for values in rows]
+        carry = accumulator.scan.run(np.tile(start, (len(chosen), 1)), parts, places.shape[1], carries=False).carry
+        totals.append(accumulator.packing.full(carry[:, len(accumulator.start) :]))
+    return np.concatenate(totals)
 
 
 def _require_finite(path: Trajectory, windows: np.ndarray) -> np.ndarray:

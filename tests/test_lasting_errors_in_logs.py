@@ -1,0 +1,69 @@
+"""Errors that are constant or joint in samples of a log: Gramians and windows against the posterior without process noise."""
+
+import numpy as np
+import pytest
+
+import obsdesign as od
+
+SENSORS = (
+    od.Range((20.0, 0.0), 0.3, name="a", bias_floor=0.4, max_range=30.0),
+    od.Range((0.0, 20.0), 0.5, name="b"),
+    od.GPS(1.0, name="gps", bias_floor=1.5),
+    od.Magnetometer(0.05, name="compass"),
+)
+SYSTEM = od.System(od.Unicycle(), SENSORS, joint_noise={("b", "compass"): [[0.25, 0.01], [0.01, 0.0025]]})
+RANDOM = np.random.default_rng(5)
+PATH = od.simulate(SYSTEM, [0.0, 0.0, 0.2], np.tile([1.5, 0.15], (20, 1)), RANDOM.uniform(0.2, 0.6, 20))
+TIMES = np.concatenate([RANDOM.uniform(PATH.t[0], PATH.t[-1] - 0.01, 30), np.repeat(PATH.t[[2, 5, 9]], 4)])
+NAMES = ("a", "b", "gps", "compass")
+SENSOR = np.concatenate([RANDOM.integers(0, 4, 30), np.tile(np.arange(4), 3)])  # some at one time, joint ones together
+Y = np.where((SENSOR == 2)[:, None], 1.0, [1.0, np.nan])
+LOG = od.Log(od.LogInputs(("speed", "turn_rate"), PATH.t[:-1], PATH.u), od.LogSamples(NAMES, TIMES, SENSOR, Y))
+PRIOR = od.Prior(PATH.x[0], std=(3.0, 3.0, 0.5))
+
+
+def start_information(path: od.Trajectory, log: od.Log, active: np.ndarray | None = None) -> np.ndarray:
+    """W about x(t_0) by the posterior: Phi' J Phi - P_0^-1, without process noise."""
+    Phi = od.variational_gramian(od.System(od.Unicycle(), (od.GPS(1.0),)), path).transition
+    assert Phi is not None
+    J = od.posterior_information(SYSTEM, path, PRIOR, active=active, samples=log)[-1]
+    return Phi.T @ J @ Phi - PRIOR.information
+
+
+def close(found: np.ndarray, expected: np.ndarray) -> None:
+    """Entry by entry, against the sizes of the rows. Sub-steps of both are right to a millionth."""
+    size = np.sqrt(np.diag(expected))
+    assert np.abs((found - expected) / np.outer(size, size)).max() < 1e-5
+
+
+def test_the_gramian_is_what_the_posterior_says_without_noise():
+    W = od.variational_gramian(SYSTEM, PATH, samples=LOG)
+    close(W.total, start_information(PATH, LOG))
+    with pytest.raises(np.linalg.LinAlgError):  # what may be counted by segment is no more than all say together
+        np.linalg.cholesky(W.by_segment(5).sum(axis=(0, 1)) - W.total - 1e-9 * np.diag(np.diag(W.total)))
+
+
+@pytest.mark.parametrize("names", [("a",), ("b", "compass"), ("gps", "b")])
+def test_of_some_sensors_what_these_say_together(names: tuple[str, ...]):
+    active = np.tile([name in names for name in NAMES], (20, 1))
+    W = od.variational_gramian(SYSTEM, PATH, samples=LOG)
+    expected = start_information(PATH, LOG, active)
+    close(W.only(*names).total, expected)
+    close(W.under(active.astype(float)), expected)
+
+
+def test_shares_add_up():
+    W = od.variational_gramian(SYSTEM, PATH, samples=LOG)
+    v = np.array([0.3, -0.2, 0.5])
+    assert W.along(v).sum() == pytest.approx(v @ W.total @ v, rel=1e-9)
+    np.testing.assert_allclose(od.contributions(SYSTEM, W).shares.sum(axis=(1, 2)), 1.0, rtol=1e-9)
+
+
+def test_windows_know_nothing_of_the_errors_before_them():
+    windows = od.sliding_information(SYSTEM, PATH, 6, samples=LOG).sum(axis=1)
+    assert windows.shape == (15, 3, 3)
+    for k in (0, 3, 9, 14):
+        part = PATH.part(k, k + 6)
+        inside = (LOG.samples.t >= part.t[0]) & (LOG.samples.t < part.t[-1])
+        close(windows[k], start_information(part, od.Log(LOG.inputs, LOG.samples.where(inside))))
+    close(od.sliding_information(SYSTEM, PATH, 20, samples=LOG)[0].sum(axis=0), start_information(PATH, LOG))
