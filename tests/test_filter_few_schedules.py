@@ -107,7 +107,7 @@ def test_nothing_that_the_prior_knows_is_hidden_without_noise():
 
 
 def test_a_determinant_that_is_rounding_is_none():
-    """An unstable state that nobody sees grows by e^58 and moves a stable one: log det P = 2 t tr A (Liouville), that of a double rounding."""
+    """An unstable state that nobody sees grows by e^58 and moves a stable one, log det P = 2 t tr A (Liouville): a double's rounding."""
     x = ca.SX.sym("x", 2)
     A = np.array([[2.0, 0.0], [1.0, -1.0]])
     system = od.ControlAffineSystem(x, ("a", "b"), drift=ca.DM(A) @ x, outputs={"y": x[0]}, sigmas={"y": 1.0})
