@@ -8,7 +8,7 @@ import pytest
 
 import obsdesign as od
 from obsdesign.calibration.likelihood import FilterRows, LogLikelihood
-from obsdesign.calibration.parameters import Parameter, Quantity, Values, driven_states
+from obsdesign.calibration.parameters import Parameter, Quantity, Values, driven_states, sensor_parameters
 from obsdesign.calibration.truth_residuals import correlation_of
 from obsdesign.logs.events import events_of
 
@@ -159,6 +159,33 @@ def test_what_the_data_do_not_tell_is_said():
         fit.number("sigma of magnetomter")
 
 
+def test_one_sample_tells_of_no_standard_deviation():
+    run = drive(5, seconds=20.0)
+    fit = od.calibrate(stated(), od.Log(run.log.inputs, run.log.samples.where(np.arange(50) == 7)), run.prior)
+    assert not any(number.is_told for number in fit.numbers if number.name.startswith(("sigma", "scale", "input_psd", "disturbance_psd")))
+    assert fit.disturbance_psd == (0.0, 0.0, 0.0) and not fit.input_psd
+
+
+def test_landmarks_in_range_and_bearing_tell_of_each_output():
+    """With true states nothing is left to the innovations but scales that turn out to be none."""
+    random, u = np.random.default_rng(0), np.tile([1.0, 0.1], (300, 1))
+    places = np.array([(20.0, 5.0), (-5.0, 15.0)])
+    sensors = tuple(od.RangeBearing((x, y), 0.5, bearing_sigma=0.1, name=f"tree_{i}") for i, (x, y) in enumerate(places.tolist()))
+    path = od.simulate(od.System(od.Unicycle(), sensors), [0.0, 0.0, 0.0], u + random.standard_normal((300, 2)) * [0.1, 0.02], 0.5)
+    sensor = np.arange(300) % 2
+    offset = places[sensor] - path.x[:-1, :2]
+    distance = 1.02 * np.hypot(*offset.T) + random.standard_normal(300) * 0.2
+    angle = np.arctan2(offset[:, 1], offset[:, 0]) - path.x[:-1, 2] + 0.05 + random.standard_normal(300) * 0.03
+    samples = od.LogSamples(("tree_0", "tree_1"), path.t[:-1], sensor, np.column_stack([distance, np.angle(np.exp(1j * angle))]))
+    log = od.Log(od.LogInputs(("speed", "turn_rate"), path.t[:-1], u), samples, od.LogTruth(("x", "y", "heading"), path.t, path.x))
+    fit = od.calibrate(od.System(od.Unicycle(), sensors), log, od.Prior(path.x[0], std=(1.0, 1.0, 0.1)))
+    for i in (0, 1):
+        assert fit.number(f"scale of tree_{i}_distance").value == pytest.approx(1.02, abs=0.01)
+        assert fit.number(f"bias of tree_{i}_angle").value == pytest.approx(0.05, abs=0.01)
+        assert fit.number(f"sigma of tree_{i}_distance").value == pytest.approx(0.2, rel=0.3)
+        assert fit.number(f"sigma of tree_{i}_angle").value == pytest.approx(0.03, rel=0.3)
+
+
 def test_truth_that_was_made_of_the_readings_tells_nothing_of_them():
     run = drive(4)
     assert run.log.truth is not None and run.log.inputs is not None
@@ -281,6 +308,14 @@ def test_states_have_noise_where_nothing_moves_them_or_no_noise_would_come():
     free = od.ControlAffineSystem(drift=ca.vertcat(x[1], -x[1]), known={}, **cart)  # pyright: ignore
     assert names(driven) == set()
     assert len(names(free)) >= 1  # at least what reaches both
+
+
+def test_biases_and_scales_that_are_states_are_left_to_the_filter():
+    ranges = (od.Range((0.0, 0.0), 0.7, name="a", bias="offset"), od.Range((40.0, 5.0), 0.7, name="b", scale="stretch"))
+    system = od.System(od.Unicycle(), ranges)
+    counts = {"a": 90, "b": 90}
+    parameters = sensor_parameters(system.model, {name: np.array([0.7]) for name in counts}, dict.fromkeys(counts, False), counts)
+    assert {p.name for p in parameters} == {"scale of a", "sigma of a", "bias of b", "sigma of b"}
 
 
 def test_a_prior_of_other_states_is_refused():

@@ -87,7 +87,9 @@ class LogLikelihood:
         return e * scale[:, None], S * scale[:, None] ** 2, rows.weights > 0
 
     def _values(self, points: np.ndarray) -> Values:
-        free = np.stack([parameter.value(points[:, i]) for i, parameter in enumerate(self.free)], axis=1)
+        free = np.empty(points.shape)
+        for i, parameter in enumerate(self.free):
+            free[:, i] = parameter.value(points[:, i])
         fixed = np.broadcast_to(self.fixed.values, (len(points), len(self.fixed.parameters)))
         return Values((*self.free, *self.fixed.parameters), np.concatenate([free, fixed], axis=1))
 

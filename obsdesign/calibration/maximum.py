@@ -17,6 +17,7 @@ _MOST_STEPS = 40
 UNTOLD = 0.5  # of the spread before the data: a standard deviation above it tells of nothing
 _RAGGED = 0.7  # standard deviation of a logarithm beyond which its likelihood is looked at, not its curvature
 _OUTLIER = 4.0  # standard deviations of an innovation
+_LARGEST_TOLD = 1.0  # z at the upper end of an interval: a psd that may be that much larger than what was looked for is not told
 _FARTHEST, _POINTS = 2.5, 20  # of z, when the end of an interval is looked for
 
 
@@ -120,7 +121,7 @@ def told_of(likelihood: LogLikelihood, peak: Maximum) -> tuple[Told, ...]:
         is_told = bool(std < UNTOLD)
         if parameter.quantity.is_positive and std * parameter.spread > _RAGGED:
             low, high = _profile(likelihood, peak, i)
-            is_told = bool(np.isfinite(high))
+            is_told = bool(high < _LARGEST_TOLD and (parameter.quantity.may_be_nothing or np.isfinite(low)))
         result.append(Told(parameter, float(parameter.value(z)), float(parameter.value(low)), float(parameter.value(high)), is_told))
     return tuple(result)
 

@@ -30,6 +30,11 @@ class Quantity(Enum):
         return self in (Quantity.SIGMA, Quantity.INFLATION, Quantity.STATE_PSD, Quantity.INPUT_PSD)
 
     @property
+    def may_be_nothing(self) -> bool:
+        """Whether it is a psd, which may be 0."""
+        return self in (Quantity.STATE_PSD, Quantity.INPUT_PSD)
+
+    @property
     def is_correction(self) -> bool:
         """Whether there is none as long as the data do not say so."""
         return self in (Quantity.BIAS, Quantity.SCALE, Quantity.INPUT_BIAS, Quantity.INPUT_SCALE)
@@ -108,6 +113,20 @@ class Values:
         return CalibratedSystem(system, sensors, inputs) if sensors or inputs else system
 
 
+def _states_of_its_own(model: Model, output: int) -> tuple[bool, bool]:
+    """Return whether a state that nothing moves is an output's bias, h = s + ..., and whether one is its scale, h = s g + ..."""
+    import casadi as ca
+
+    h, has_bias, has_scale = model.h[output], False, False
+    rate = ca.horzcat(model.drift, model.B, model.G)
+    for i in range(len(model.states)):
+        slope = ca.jacobian(h, model.x[i])
+        if not rate[i, :].is_zero() or slope.is_zero() or ca.depends_on(slope, model.x[i]):
+            continue
+        has_bias, has_scale = (True, has_scale) if slope.is_constant() else (has_bias, True)
+    return has_bias, has_scale
+
+
 _SIGMA_SPREAD = float(np.log(10.0))
 _BIAS_SPREAD = 20.0  # stated standard deviations of a sample
 _SCALE_SPREAD = 0.1
@@ -146,8 +165,10 @@ def _parameters_of_group(model: Model, group: list[Channel], spread: np.ndarray,
     columns = list(zip(*places, strict=True))
     for i, signal in enumerate(first.outputs):
         owner = ", ".join(channel.outputs[i].name for channel in group)
-        yield Parameter(Quantity.BIAS, owner, columns[i], 0.0, _BIAS_SPREAD * float(spread[i]), signal.unit)
-        if not signal.is_angle:
+        has_bias, has_scale = _states_of_its_own(model, columns[i][0])
+        if not has_bias:
+            yield Parameter(Quantity.BIAS, owner, columns[i], 0.0, _BIAS_SPREAD * float(spread[i]), signal.unit)
+        if not (signal.is_angle or has_scale):
             yield Parameter(Quantity.SCALE, owner, columns[i], 1.0, _SCALE_SPREAD)
     if not first.noise.is_white or any(first.name in joint.sensors for joint in model.joint):
         return
