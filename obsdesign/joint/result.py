@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -103,3 +103,7 @@ class Joint(AbstractDisplay, Generic[AnySchedule]):
             *((f"sensor {s}", marks) for s, marks in enumerate(raster_text(self.schedule.chosen))),
         ]
         return Summary(f"path and schedule together: {self.status.value}", tuple(rows), raster_picture(self.schedule.chosen))
+
+
+AnyJoint: TypeAlias = Joint[Schedule] | Joint[FilterSchedule]
+"""An answer to either question."""

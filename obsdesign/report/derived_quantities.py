@@ -10,8 +10,9 @@ from obsdesign.design.record import Design
 from obsdesign.design.upper_bound import Cap
 from obsdesign.estimation.validation import SETTLING_SHARE, active_steps
 from obsdesign.information.posterior import posterior_information
-from obsdesign.joint.result import Joint
+from obsdesign.joint.result import AnyJoint
 from obsdesign.round_off import standard_deviations
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule, schedule_information
 from obsdesign.signals import Signal
 from obsdesign.study.rated_schedules import FOR
@@ -39,13 +40,18 @@ class ErrorChange:
         return self.error >= 1.2 * self.baseline_error
 
 
-def joint_answers(joint: Joint[Schedule]) -> dict[str, tuple[Design, Schedule, float]]:
+def joint_answers(joint: AnyJoint) -> dict[str, tuple[Design, Schedule | FilterSchedule, float]]:
     """The three answers of a codesign: a path, a schedule, and what they are worth together."""
     return {
         PATH_FIRST: (joint.path_first.design, joint.path_first.schedule, joint.path_first.value),
         SENSORS_FIRST: (joint.sensors_first.design, joint.sensors_first.schedule, joint.sensors_first.value),
         TOGETHER: (joint.design, joint.schedule, joint.value),
     }
+
+
+def filter_cost(study: Study, value: float) -> float:
+    """Return the filter's cost that a value of path and schedule stands for, chosen together for a filter: -value, or 1 / value."""
+    return 1 / value if study.scenario.filter_criterion.is_smallest_eigenvalue else -value
 
 
 def states_of(study: Study) -> tuple[Signal, ...]:

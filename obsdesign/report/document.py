@@ -157,6 +157,9 @@ class PairPart(DocumentPart):
 class JointPart(DocumentPart):
     """Path and schedule chosen together, and one after the other."""
 
+    question: Literal["filter", "start"] = Field(
+        default="start", description="what both serve; filter: a value is minus the filter's cost, or 1 / cost of the smallest eigenvalue"
+    )
     status: str
     joint: PairPart
     path_first: PairPart = Field(description="the path for all sensors, then the best schedule for it")

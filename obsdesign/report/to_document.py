@@ -13,7 +13,7 @@ import numpy as np
 import obsdesign
 from obsdesign.design.record import Design
 from obsdesign.estimation.validation import Validation
-from obsdesign.joint.result import Joint
+from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report.derived_quantities import PATH_FIRST, SENSORS_FIRST, TOGETHER, joint_answers, segment_nodes
 from obsdesign.report.document import (
@@ -36,6 +36,7 @@ from obsdesign.report.schedules_to_document import cheapest_part, filter_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.report.study_record import encode_study
 from obsdesign.selection.pareto import Pareto
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.study.record import Analysis, Study
 
@@ -161,10 +162,11 @@ def _pareto(front: Pareto) -> ParetoPart:
     )
 
 
-def _joint(study: Study, joint: Joint[Schedule]) -> JointPart:
+def _joint(study: Study, joint: AnyJoint) -> JointPart:
     """Return the part of the result."""
     parts = {name: _pair(study, *answer) for name, answer in joint_answers(joint).items()}
     return JointPart(
+        question=study.scenario.codesign_question,
         status=joint.status.name,
         joint=parts[TOGETHER],
         path_first=parts[PATH_FIRST],
@@ -176,7 +178,7 @@ def _joint(study: Study, joint: Joint[Schedule]) -> JointPart:
     )
 
 
-def _joint_bound(joint: Joint[Schedule]) -> JointBoundPart:
+def _joint_bound(joint: AnyJoint) -> JointBoundPart:
     """Return the part of the bound on every path with every schedule."""
     proof = joint.proof
     return JointBoundPart(
@@ -189,7 +191,7 @@ def _joint_bound(joint: Joint[Schedule]) -> JointBoundPart:
     )
 
 
-def _pair(study: Study, design: Design, schedule: Schedule, value: float) -> PairPart:
+def _pair(study: Study, design: Design, schedule: Schedule | FilterSchedule, value: float) -> PairPart:
     path = design.trajectory
     states = {} if path is None else dict(zip(study.scenario.state_names, path.x.T.tolist(), strict=True))
     histories = {} if path is None else {"t": path.t.tolist(), **states}

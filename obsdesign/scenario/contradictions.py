@@ -272,10 +272,16 @@ def _codesign_problems(scenario: Scenario) -> Iterator[Problem]:
     if scenario.codesign is None:
         return
     design, selection = scenario.design, scenario.selection
-    unsupported = {"about": design.about, "floor": design.floor, "robust": design.robust, "shortest": design.shortest}
+    is_for_filter = scenario.codesign_question == "filter"
+    unsupported = {"about": design.about and not is_for_filter, "floor": design.floor, "robust": design.robust, "shortest": design.shortest}
     for key in (key for key, value in unsupported.items() if value):
         yield Problem(("design", key), "does not go with [codesign]: a selection of sensors does not know of it")
-    if selection.criterion != design.criterion:
+    if is_for_filter and not scenario.has_filter_schedule and selection.per_segment <= len(scenario.sensors):
+        sensors, allowed = len(scenario.sensors), selection.per_segment
+        yield Problem(
+            ("codesign", "question"), f"is filter: with {allowed} of {sensors} sensors on at a time there are too many sets of them"
+        )
+    if not is_for_filter and selection.criterion != design.criterion:
         yield Problem(("selection", "criterion"), f"is {selection.criterion}: [codesign] needs that of the design, {design.criterion}")
     if selection.robust_to:
         yield Problem(("selection", "robust_to"), f"is {selection.robust_to}: must be 0 with [codesign]")

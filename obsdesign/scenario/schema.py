@@ -239,6 +239,11 @@ class SelectionTable(_ScenarioTable):
 class CodesignTable(_ScenarioTable):
     """Choose path and schedule together, beside the one after the other."""
 
+    question: Literal["filter", "start"] | None = Field(
+        default=None,
+        description="what both serve: filter = what a filter knows along the way, start = what all samples say of the state at the start; "
+        "default: as [selection], filter where that asks for the cheapest schedule",
+    )
     starts: int = Field(default=4, ge=1, description="starts of each design, and of the search with relaxed schedules")
     gap: float | None = Field(
         default=None, ge=0, lt=1, description="the bound branches on segments until it is that near to the value, 200 nodes at most"
@@ -404,6 +409,22 @@ class Scenario(_ScenarioTable):
     def filter_criterion(self) -> AbstractCriterion:
         """What the covariance of a filter is judged by."""
         return leaf(obsdesign.criteria, self.filter_criterion_kind)()
+
+    @property
+    def codesign_question(self) -> Literal["filter", "start"]:
+        """What path and schedule serve that are chosen together."""
+        if self.codesign is not None and self.codesign.question is not None:
+            return self.codesign.question
+        return "start" if self.schedule_question == "start" else "filter"
+
+    @property
+    def codesign_criterion(self) -> AbstractCriterion:
+        """What path and schedule are judged by that are chosen together: for a filter the cost that `[selection]` minimises."""
+        if self.codesign_question == "start":
+            return self.criterion
+        judged_by, over = self.filter_criterion, self.selection.over
+        posterior = leaf(obsdesign.criteria, "posterior")
+        return posterior(self.prior_at_start, self.disturbance_psd, criterion=judged_by, over=over, input_psd=self.input_psd)
 
     @property
     def filter_gap(self) -> float:

@@ -16,7 +16,7 @@ from obsdesign.display import AbstractDisplay, Summary, number
 from obsdesign.estimation.validation import Validation
 from obsdesign.information.blocks import Information
 from obsdesign.information.contribution_shares import Contributions
-from obsdesign.joint.result import Joint
+from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Question, Scenario
 from obsdesign.selection.pareto import Pareto
@@ -195,7 +195,7 @@ class Study(AbstractDisplay):
     """Question -> wall time [s]."""
     flight: Flight | None = None
     """The flight, where it was asked for."""
-    joint: Joint[Schedule] | None = None
+    joint: AnyJoint | None = None
     """Path and schedule chosen together, where it was asked for."""
     about: str = DESIGNED
     """Name of the path that selection and validation are about."""

@@ -18,11 +18,10 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.errors import InputError
 from obsdesign.estimation.validation import validate
 from obsdesign.joint.joint_solver import codesign
-from obsdesign.joint.result import Joint
+from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight, fly
 from obsdesign.progress import Progress, StageReport
 from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
-from obsdesign.selection.schedule import Schedule
 from obsdesign.study.candidate_paths import candidate_of, candidates_of
 from obsdesign.study.problem import problem_along, problem_of, scenario_paths, start_of
 from obsdesign.study.record import CHOSEN, Analysis, Candidate, FilterCheck, Selection, Study, baseline_of, schedule_at_steps, suites_of
@@ -146,15 +145,17 @@ def analyse(scenario: Scenario, seed: int) -> tuple[Analysis, ...]:
 
 def _codesign(
     scenario: Scenario, problem: DesignProblem, seed: int, executor: Executor | None, progress: Progress | None
-) -> Joint[Schedule] | None:
+) -> AnyJoint | None:
     settings, selection = scenario.codesign, scenario.selection
     if settings is None:
         return None
+    question = scenario.codesign_question
     return codesign(
-        problem,
+        replace(problem, criterion=scenario.codesign_criterion),
         scenario.segments,
         selection.per_segment,
-        selection.rules,
+        scenario.rules_for(question),
+        question=question,
         starts=settings.starts,
         seed=seed,
         executor=executor,

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from obsdesign.joint.result import Joint
+from obsdesign.joint.result import AnyJoint
 from obsdesign.report.derived_quantities import PATH_FIRST, SENSORS_FIRST, TOGETHER, joint_answers
 from obsdesign.report.figures._drawing import (
     BLUE,
@@ -24,7 +24,6 @@ from obsdesign.report.figures._drawing import (
     styled_figure,
 )
 from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
-from obsdesign.selection.schedule import Schedule
 from obsdesign.study.record import Study
 
 _SENSORS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, INK)
@@ -61,13 +60,13 @@ def picture(study: Study) -> Picture | None:
     return Picture(inline_svg(styled_figure(height, paint), "joint-map", description), caption)
 
 
-def _tracks(study: Study, joint: Joint[Schedule]) -> dict[str, np.ndarray]:
+def _tracks(study: Study, joint: AnyJoint) -> dict[str, np.ndarray]:
     columns = list(study.problem.position)
     trajectories = {name: design.trajectory for name, (design, _, _) in joint_answers(joint).items()}
     return {name: path.x[:, columns] for name, path in trajectories.items() if path is not None}
 
 
-def _draw(study: Study, joint: Joint[Schedule], tracks: dict[str, np.ndarray], axes: Axes) -> None:
+def _draw(study: Study, joint: AnyJoint, tracks: dict[str, np.ndarray], axes: Axes) -> None:
     for name, dashes in ((PATH_FIRST, "--"), (SENSORS_FIRST, ":")):
         if name in tracks:
             axes.plot(*tracks[name].T, color=QUIET, linewidth=1.3, linestyle=dashes, label=name, zorder=2)
