@@ -52,13 +52,13 @@ static int cholesky(double* L, int n) { /* S = L L' in place, 0 above the diagon
   return 1;
 }
 
-static void eigenvalues(double* S, double* Q, int n, double share) { /* Jacobi: S becomes diagonal, Q (0: not wanted) its vectors */
-  for (int i = 0; Q && i < n * n; ++i) Q[i] = i % (n + 1) == 0;
+static void eigenvalues(double* S, double* Q, int n) { /* Jacobi: S becomes diagonal, Q its vectors as columns */
+  for (int i = 0; i < n * n; ++i) Q[i] = i % (n + 1) == 0;
   for (int sweep = 0; sweep < 30; ++sweep) {
     double off = 0, on = 0;
     for (int i = 0; i < n; ++i)
       for (int j = 0; j <= i; ++j) *(i == j ? &on : &off) += S[i * n + j] * S[i * n + j];
-    if (!(off > share * on)) return;
+    if (!(off > 1e-28 * on)) return;
     for (int p = 0; p < n; ++p)
       for (int o = p + 1; o < n; ++o) {
         if (S[p * n + o] == 0) continue;
@@ -67,7 +67,7 @@ static void eigenvalues(double* S, double* Q, int n, double share) { /* Jacobi: 
         for (int k = 0; k < n; ++k) {
           double a = S[k * n + p], b = S[k * n + o];
           S[k * n + p] = cosine * a - sine * b, S[k * n + o] = sine * a + cosine * b;
-          if (Q) a = Q[k * n + p], b = Q[k * n + o], Q[k * n + p] = cosine * a - sine * b, Q[k * n + o] = sine * a + cosine * b;
+          a = Q[k * n + p], b = Q[k * n + o], Q[k * n + p] = cosine * a - sine * b, Q[k * n + o] = sine * a + cosine * b;
         }
         for (int k = 0; k < n; ++k) {
           double a = S[p * n + k], b = S[o * n + k];
@@ -88,11 +88,12 @@ static int scaling_of(const double* slack, const double* z, int n, double* V, do
       for (int k = j; k < n; ++k) V[i * n + j] += Z[i * n + k] * L[k * n + j];
     }
   for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j) {
-      Z[i * n + j] = 0;
-      for (int k = i; k < n; ++k) Z[i * n + j] += L[k * n + i] * V[k * n + j];
+    for (int j = 0; j <= i; ++j) {
+      double sum = 0;
+      for (int k = i; k < n; ++k) sum += L[k * n + i] * V[k * n + j];
+      Z[i * n + j] = Z[j * n + i] = sum;
     }
-  eigenvalues(Z, Q, n, 1e-31);
+  eigenvalues(Z, Q, n);
   for (int j = 0; j < n; ++j)
     for (int i = j; i < n; ++i) {
       double sum = i == j;
@@ -121,14 +122,49 @@ static void map_of(const double* V, int n, double* K) { /* svec(V F V') = K svec
         }
 }
 
+static double smallest_eigenvalue(double* S, int n, double* scratch) { /* from below; S is overwritten */
+  double *u = scratch, *w = scratch + n;
+  for (int k = 0; k < n - 2; ++k) { /* Householder: S becomes tridiagonal */
+    double norm = 0, dot = 0;
+    for (int i = k + 1; i < n; ++i) norm += S[i * n + k] * S[i * n + k];
+    if (!(norm - S[(k + 1) * n + k] * S[(k + 1) * n + k] > 0)) continue;
+    double alpha = -copysign(sqrt(norm), S[(k + 1) * n + k]), scale = norm - alpha * S[(k + 1) * n + k];
+    for (int i = k + 1; i < n; ++i) u[i] = S[i * n + k] - (i == k + 1 ? alpha : 0);
+    for (int i = k + 1; i < n; ++i) {
+      w[i] = 0;
+      for (int j = k + 1; j < n; ++j) w[i] += S[i * n + j] * u[j];
+      w[i] /= scale, dot += w[i] * u[i];
+    }
+    for (int i = k + 1; i < n; ++i) w[i] -= 0.5 * dot / scale * u[i];
+    for (int i = k + 1; i < n; ++i)
+      for (int j = k + 1; j < n; ++j) S[i * n + j] -= u[i] * w[j] + w[i] * u[j];
+    S[(k + 1) * n + k] = S[k * n + k + 1] = alpha;
+  }
+  double x = INFINITY, size = 0;
+  for (int i = 0; i < n; ++i) {
+    double radius = (i ? fabs(S[i * n + i - 1]) : 0) + (i + 1 < n ? fabs(S[i * n + i + 1]) : 0);
+    x = fmin(x, S[i * n + i] - radius), size = fmax(size, fabs(S[i * n + i]) + radius);
+  }
+  for (int iteration = 0; iteration < 40; ++iteration) { /* Laguerre, from below all roots of det(S - x I) */
+    double p0 = 1, p1 = S[0] - x, d0 = 0, d1 = -1, e0 = 0, e1 = 0;
+    for (int i = 1; i < n; ++i) {
+      double a = S[i * n + i] - x, b = S[i * n + i - 1] * S[i * n + i - 1];
+      double p = a * p1 - b * p0, d = a * d1 - p1 - b * d0, e = a * e1 - 2 * d1 - b * e0;
+      p0 = p1, p1 = p, d0 = d1, d1 = d, e0 = e1, e1 = e;
+    }
+    if (!(p1 > 0)) break;
+    double root = (n - 1) * fmax(0, (n - 1) * d1 * d1 - n * p1 * e1), step = n * p1 / (-d1 + sqrt(root));
+    x += step;
+    if (!(step > 1e-9 * size)) break;
+  }
+  return x;
+}
+
 static double least_share(const double* step, const double* l, int n, double* S) { /* eigenvalue of diag(l)^-1/2 step diag(l)^-1/2 */
   smat(step, S, n);
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < n; ++j) S[i * n + j] /= sqrt(l[i] * l[j]);
-  eigenvalues(S, 0, n, 1e-12);
-  double least = S[0];
-  for (int i = 1; i < n; ++i) least = fmin(least, S[i * n + i]);
-  return least;
+  return smallest_eigenvalue(S, n, S + n * n);
 }
 
 static void centre(const double* ds, const double* dz, const double* l, double target, int n, double* C, double* scratch) {
