@@ -494,7 +494,8 @@ def test_bounds_and_constraints_may_be_lists():
 
 def test_one_range_beacon_is_refused_before_any_solver_starts(monkeypatch: pytest.MonkeyPatch):
     """Rotation about the beacon stays hidden on every path."""
-    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", None)
+    for module in ("multistart", "climbs"):
+        monkeypatch.setattr(f"obsdesign.design.{module}.solve_locally", None)
     problem = problem_with(system=od.System(DUBINS, (od.Range(BEACON, 1.0),)))
     with pytest.raises(
         od.UnobservableError, match=r"see 4 of 5 dimensions; rotation of everything about the beacon at \(6, 4\) m"
@@ -511,7 +512,8 @@ FAR_AWAY = {"constraints": (od.Goal((100.0, 0.0), 1.0),), "duration": 8.0, "path
 
 def test_a_goal_out_of_reach_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch):
     """By geometry, before any solver starts: 99 m at 1 m/s through the air and 0.36 m/s of wind."""
-    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", None)
+    for module in ("multistart", "climbs"):
+        monkeypatch.setattr(f"obsdesign.design.{module}.solve_locally", None)
     message = (
         r"trajectory design: infeasible, proven: Goal: within 1 m of \(100, 0\): 99 m away; at 1\.361 m/s .* in 8 s, not before 72\.8 s"
     )

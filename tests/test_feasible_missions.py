@@ -247,7 +247,8 @@ def test_a_path_that_keeps_all_limits_is_returned_where_no_climb_comes_to_an_end
             solve_locally(task), status=od.Status.NUMERICAL_ERROR, path=od.simulate(RANGES, [0, 0, 3.0], task.u, 0.5)
         )
 
-    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", given_up)
+    for module in ("multistart", "climbs"):
+        monkeypatch.setattr(f"obsdesign.design.{module}.solve_locally", given_up)
     problem = asked(constraints=(od.Goal((150.0, 40.0), 5.0),))
     design = od.design_trajectory(problem, starts=1)
     assert design.status is od.Status.GAP_OPEN

@@ -494,7 +494,8 @@ PROVEN = {
 
 @pytest.mark.parametrize(("problem", "message"), PROVEN.values(), ids=PROVEN.keys())
 def test_what_geometry_forbids_is_said_before_any_solver_starts(problem: od.DesignProblem, message: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("obsdesign.design.multistart.solve_locally", None)
+    for module in ("multistart", "climbs"):
+        monkeypatch.setattr(f"obsdesign.design.{module}.solve_locally", None)
     with pytest.raises(od.SolveError, match=re.escape(message)) as caught:
         od.design_trajectory(problem, starts=1)
     assert caught.value.status is od.Status.INFEASIBLE

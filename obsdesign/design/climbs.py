@@ -70,15 +70,18 @@ def near_best(best: float) -> float:
 def _refine(
     problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[LocalSolution], executor: Executor | None, target: float
 ) -> tuple[LocalSolution, ...]:
-    """Climb on from the best of the coarse paths through the finer families."""
+    """Climb on from the best of the coarse paths through the finer ones: first from the best, then from others that may beat it."""
     apply = map if executor is None else executor.map
     lower, upper = families[0].box(problem.grid)
-    selected = _best_distinct(coarse, target, upper - lower)
-    tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in selected]
-    return tuple(
-        replace(solution, iterations=solution.iterations + coarse_solution.iterations)
-        for solution, coarse_solution in zip(apply(solve_locally, tasks), selected, strict=True)
-    )
+    selected, refined = _best_distinct(coarse, target, upper - lower), []
+    for batch in (selected[:1], selected[1:]):
+        target = max([target, *(solution.objective for solution in refined if solution.status.has_answer)])
+        tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in batch]
+        refined += [
+            replace(solution, iterations=solution.iterations + coarse_solution.iterations)
+            for solution, coarse_solution in zip(apply(solve_locally, tasks), batch, strict=True)
+        ]
+    return tuple(refined)
 
 
 def usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.ndarray]]:
