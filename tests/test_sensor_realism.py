@@ -537,7 +537,7 @@ def test_no_limits_are_the_default_and_cost_nothing(make: Beacon):
     assert hash(plain) == hash(spelled)
     assert {field.name for field in dataclasses.fields(plain)} == {
         *("beacon", "sigma", "sigma_per_metre", "max_range", "field_of_view"),
-        *("rate", "inflation", "bias_floor", "correlation", "name", "height", "lever_arm", "detection"),
+        *("rate", "inflation", "bias_floor", "correlation", "name", "height", "lever_arm", "detection", "scale", "bias", "group"),
         *(("mounting_angle",) if make is od.Bearing else ()),
     }
 
