@@ -50,9 +50,9 @@ class TagRanges(AbstractSensor):
         return tuple(Signal(f"{self.name}_{i}", "m") for i in range(len(self.tags)))
 
     @property
-    def landmark(self) -> Point:
+    def landmarks(self) -> tuple[Point, ...]:
         """The anchor, seen from above."""
-        return self.anchor[:2]
+        return (self.anchor[:2],)
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return |tag - anchor|; tags (forward, left, height) [m] on the trolley, heights above the floor."""
