@@ -22,11 +22,11 @@ from scipy.stats import rankdata
 import obsdesign as od
 from benchmarks.recorded_runs import FOLDER
 from benchmarks.tables import machine, table, write
-from benchmarks.trolley import TagRanges, Trolley
 from obsdesign.dynamics.per_step import PerStepSystem
 from obsdesign.dynamics.process_noise import noise_of
 from obsdesign.estimation.filter_bank import Belief, FilterBank
 from obsdesign.logs.events import events_of
+from obsdesign.study.recorded_tags import TagRanges, Trolley
 
 WINDOW, RESTARTS = 10.0, 32  # s, filters per window
 START_STD, WINDOW_STDS = (1.0, 1.0, 0.1), ((1.0, 1.0, 0.1), (3.0, 3.0, 0.3))  # of x, y and heading

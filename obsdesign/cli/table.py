@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, compare, design, doctor, export, init, log, report, run, schema, select, validate
+from obsdesign.cli.verbs import check, compare, design, doctor, export, init, log, replay, report, run, schema, select, validate
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
@@ -14,6 +14,7 @@ VERBS: tuple[Verb, ...] = (
     select.VERB,
     validate.VERB,
     log.VERB,
+    replay.VERB,
     compare.VERB,
     export.VERB,
     report.VERB,

@@ -82,6 +82,19 @@ def replay(
     return _assemble(question, driven, run, standard_deviations(J), error, windows)
 
 
+def rmse_with(question: ReplayQuestion, log: Log) -> float:
+    """Return the RMSE of what counts, of a question's filter on another log of the same run; nan without truth."""
+    run = estimate_log(
+        question.system,
+        log,
+        question.prior,
+        disturbance_psd=question.disturbance_psd,
+        input_psd=question.input_psd,
+        estimator=question.estimator,
+    )
+    return _rms(np.sqrt((_errors(question, run)[:, question.places] ** 2).sum(axis=1)))
+
+
 def _assemble(
     question: ReplayQuestion, driven: DrivenPath, run: Estimate, bound: np.ndarray, error: np.ndarray, windows: tuple[ReplayWindow, ...]
 ) -> Replay:

@@ -113,6 +113,8 @@ def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
     for i, suite in enumerate(scenario.design.suites):
         yield from _list_problems(("design", "suites", i), suite, scenario.sensor_names)
     yield from _list_problems(("design", "about"), scenario.design.about, scenario.state_names)
+    if "about" in scenario.replay.model_fields_set:
+        yield from _list_problems(("replay", "about"), scenario.replay.about, scenario.state_names)
     yield from _list_problems(("selection", "naive"), scenario.selection.naive, scenario.sensor_names)
 
 

@@ -18,6 +18,7 @@ from obsdesign.scenario.contradictions import find_contradictions
 from obsdesign.scenario.degrees import SUFFIX, in_radians, non_angles
 from obsdesign.scenario.key_lines import line_of
 from obsdesign.scenario.kind_tables import COST, LEAVES
+from obsdesign.scenario.log_defaults import Landmarks, with_log_defaults
 from obsdesign.scenario.problem_text import (
     Location,
     Problem,
@@ -52,30 +53,39 @@ def load_scenario_of_path(file: Path) -> Scenario:
     return _load(file, has_path=True)
 
 
+def load_scenario_of_log(file: Path, landmarks: Landmarks) -> Scenario:
+    """Read and check a scenario for a log: no [design], [start] and [time] are needed; see load_scenario.
+
+    landmarks: places by name, for sensors without a beacon of their own.
+    """
+    return _load(file, has_path=True, landmarks=landmarks)
+
+
 def scenario_from_text(text: str, file: str) -> Scenario:
     """Check the text of a scenario, for its own paths or for others; `file`: what messages call it. See load_scenario."""
     return _parse(text, Path(file), has_path=True)
 
 
-def _load(file: Path, has_path: bool) -> Scenario:
+def _load(file: Path, has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
     try:
         text = file.read_bytes().decode()
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
-    return _parse(text, file, has_path)
+    return _parse(text, file, has_path, landmarks)
 
 
-def _parse(text: str, file: Path, has_path: bool) -> Scenario:
+def _parse(text: str, file: Path, has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
-    upgrade = upgrade_data(data)
+    has_log = landmarks is not None or "replay" in data
+    upgrade = upgrade_data(with_log_defaults(data, landmarks or {}) if has_log else data)
     reserved_keys = [unknown_key((key,), key, _keys_at(())) for key in _INTERNAL_FIELDS if key in data]
     internal = {"file": str(file), "digest": hashlib.sha256(text.encode()).hexdigest(), "source": text}
-    scenario, problems = _validate(upgrade.data, internal, has_path)
+    scenario, problems = _validate(upgrade.data, internal, has_path or has_log)
     problems = [*upgrade.problems, *reserved_keys, *problems]
     if scenario is None or problems:
         raise _error(file, text, data, problems)

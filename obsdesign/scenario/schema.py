@@ -266,6 +266,25 @@ class ValidationTable(_ScenarioTable):
     runs: int = Field(default=200, ge=2)
 
 
+class ReplayTable(_ScenarioTable):
+    """How a log is replayed."""
+
+    gate: float = Field(default=0.999, gt=0, lt=1, description="share of the samples that the filter takes in where all is as modelled")
+    window: float = Field(default=10.0, gt=0, description="length of a window [s]")
+    about: tuple[str, ...] = Field(default=("x", "y"), min_length=1, description="the states that count")
+    along: Literal["truth", "estimate"] | None = Field(
+        default=None, description="where information is taken; default: along the truth where the log has one of the states that count"
+    )
+    restarts: int = Field(
+        default=32, ge=0, description="filters that begin anew in each window, where there is truth; 0: windows of one run"
+    )
+    calibrate: float = Field(
+        default=0.5, ge=0, le=1, description="share of the log that noises, biases and scales are found from; 0: they are those of the file"
+    )
+    topics: str = Field(default="", description="TOML file, beside the scenario, that says which topics and fields the log's file are what")
+    schedule: bool = Field(default=True, description="choose sensors as well: selection.per_segment for time.segment each")
+
+
 class Expected(_ScenarioTable):
     """A known truth: the number under `key` in result.json, to within `tolerance`, from `source`."""
 
@@ -314,6 +333,8 @@ class Scenario(_ScenarioTable):
     """Path and schedule chosen together; None = not asked for."""
     flight: FlightTable | None = None
     """A flight with the filter in the loop; None = not asked for."""
+    replay: ReplayTable = Field(default_factory=ReplayTable)
+    """How a log is replayed; a file that has this table needs no [design], [start] and [time]."""
     expected: tuple[Expected, ...] = ()
     """Known truths that the result is compared with."""
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")

@@ -9,9 +9,11 @@ from obsdesign.cli.verb import Argument, Outcome, Verb
 
 
 def schema(options: Namespace) -> Outcome:
-    """Return the JSON Schema of scenarios or of result.json."""
+    """Return the JSON Schema of scenarios, of result.json or of replay.json."""
     if options.document == "scenario":
         from obsdesign.scenario.schema import Scenario as Document
+    elif options.document == "replay":
+        from obsdesign.report.replay_document import ReplayDocument as Document
     else:
         from obsdesign.report.document import Result as Document
     document = Document.model_json_schema()
@@ -20,8 +22,8 @@ def schema(options: Namespace) -> Outcome:
 
 VERB = Verb(
     name="schema",
-    what="print the JSON Schema of scenarios or of result.json",
+    what="print the JSON Schema of scenarios, of result.json or of replay.json",
     action=schema,
     example="schema result > result.schema.json",
-    arguments=(Argument("document", "of what", choices=("scenario", "result")),),
+    arguments=(Argument("document", "of what", choices=("scenario", "result", "replay")),),
 )

@@ -1,15 +1,17 @@
-"""A trolley that nobody steers, with several radio tags on it that range to anchors."""
+"""A trolley that nobody steers, with several radio tags on it that range to anchors, as some public files have it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-
-import casadi as ca
+from typing import TYPE_CHECKING
 
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.signals import Point, Signal
 from obsdesign.vehicles.abstract import HEADING, SPEED, TURN_RATE, AbstractVehicle, Fields, X, Y
+
+if TYPE_CHECKING:
+    import casadi as ca
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Trolley(AbstractVehicle):
 
     def fields(self, x: ca.SX) -> Fields:
         """Return the drift."""
+        import casadi as ca
+
         return Fields(ca.vertcat(x[3] * ca.cos(x[2]), x[3] * ca.sin(x[2]), x[4], 0, 0), ())
 
 
@@ -56,6 +60,8 @@ class TagRanges(AbstractSensor):
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         """Return |tag - anchor|; tags (forward, left, height) [m] on the trolley, heights above the floor."""
+        import casadi as ca
+
         forward, left = ca.cos(state["heading"]), ca.sin(state["heading"])
         distances = []
         for a, b, height in self.tags:
@@ -66,8 +72,12 @@ class TagRanges(AbstractSensor):
 
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return sigma."""
+        import casadi as ca
+
         return ca.SX(self.sigma)
 
     def gate(self, state: Mapping[str, ca.SX]) -> ca.SX:
         """Return 1: every anchor is in range."""
+        import casadi as ca
+
         return ca.SX(1)

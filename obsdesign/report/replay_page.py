@@ -1,0 +1,67 @@
+"""A replayed log as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obsdesign.report.number_format import numeral, with_unit
+from obsdesign.report.page import environment
+from obsdesign.report.replay_sections import drive, fewer_sensors, fit, hard_windows, sensors, states
+from obsdesign.report.section import KeyNumber, Section
+from obsdesign.report.to_document import versions
+from obsdesign.signals import Signal
+from obsdesign.study.log_study import LogStudy
+
+
+def replay_page(study: LogStudy) -> str:
+    """Return the page: HTML without any reference to the network; the same study gives the same text."""
+    return (
+        environment()
+        .get_template("replay.html.j2")
+        .render(
+            title=study.setup.title,
+            answer=_answer(study),
+            headline=_headline(study),
+            parts=_sections(study),
+            notes=study.notes,
+            versions=versions(),
+        )
+    )
+
+
+def _sections(study: LogStudy) -> tuple[Section, ...]:
+    chosen = () if study.schedule is None else (fewer_sensors.section(study, study.schedule),)
+    fitted = () if study.calibration is None else (fit.section(study, study.calibration),)
+    return (drive.section(study), sensors.section(study), hard_windows.section(study), states.section(study), *chosen, *fitted)
+
+
+def _unit(study: LogStudy) -> Signal:
+    question = study.replay.question
+    return question.system.model.states[question.places[0]]
+
+
+def _answer(study: LogStudy) -> str:
+    run, about = study.replay, ", ".join(study.replay.question.about)
+    bound = with_unit(_bound(study), _unit(study))
+    if not np.isfinite(run.rmse):
+        return f"No filter could have known {about} better than to {bound} on average; how well this one did is not told without truth."
+    error = with_unit(run.rmse_second_half if np.isfinite(run.rmse_second_half) else run.rmse, _unit(study))
+    return f"The filter errs by {error} in {about} in the second half of the log; on average no filter could have been below {bound}."
+
+
+def _bound(study: LogStudy) -> float:
+    run = study.replay
+    return float(np.sqrt(np.mean((run.bound[:, run.question.places] ** 2).sum(axis=1))))
+
+
+def _headline(study: LogStudy) -> tuple[KeyNumber, ...]:
+    run = study.replay
+    numbers = [KeyNumber("drive", f"{len(run.hidden_windows)} of {len(run.windows)}", "windows do not see all of the state")]
+    if np.isfinite(run.rmse):
+        numbers.insert(0, KeyNumber("drive", with_unit(run.rmse, _unit(study)), f"RMSE of {', '.join(run.question.about)}"))
+        numbers.append(
+            KeyNumber("windows", numeral(run.rank_correlation.value), "rank correlation of predicted and actual errors of windows")
+        )
+        numbers.append(KeyNumber("windows", numeral(run.ratio), "times the prediction: the errors of windows"))
+    numbers.append(KeyNumber("drive", f"{run.rejections}", "samples rejected by the gate"))
+    return tuple(numbers)

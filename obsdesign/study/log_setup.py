@@ -1,0 +1,151 @@
+"""What a log is replayed with: system, prior and settings, of a scenario, or of a file that holds its beacons itself."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from obsdesign.dynamics.model import AbstractSystem
+from obsdesign.dynamics.system import System
+from obsdesign.errors import InputError
+from obsdesign.logs.log import Log
+from obsdesign.logs.npz import RANGING, TAGS, load_npz
+from obsdesign.logs.reading import read_log
+from obsdesign.logs.truth import LogTruth
+from obsdesign.noise_density import DisturbancePsd, InputPsd
+from obsdesign.prior import Prior
+from obsdesign.scenario.schema import ReplayTable, Scenario
+from obsdesign.sensors.range import Range
+from obsdesign.study.recorded_tags import TagRanges, Trolley
+from obsdesign.vehicles.unicycle import Unicycle
+
+_RANGING_STD = {"x": 3.0, "y": 3.0, "heading": 0.3}
+_TAG_STD = {"x": 0.1, "y": 0.1, "heading": 0.1, "speed": 0.5, "turn_rate": 0.5}
+_RANGE_SIGMA, _TAG_SIGMA = 1.0, 0.1  # m, to begin a calibration with
+_MOVES = 0.2  # m: shorter ways between true positions tell no direction
+
+
+@dataclass(frozen=True, eq=False)
+class LogSetup:
+    """A log with what it is replayed with, before it is calibrated.
+
+    start: states that are known to begin with, by name; std: standard deviation of each state before the first sample.
+    """
+
+    title: str
+    file: Path
+    system: AbstractSystem
+    log: Log
+    start: dict[str, float]
+    std: dict[str, float]
+    settings: ReplayTable
+    disturbance_psd: DisturbancePsd
+    input_psd: InputPsd
+    per_segment: int
+    segment: float
+    landmarks: dict[str, tuple[float, float]]
+
+    @property
+    def prior(self) -> Prior:
+        """Of the state at the log's beginning: what is given, else the truth, else 0 where the prior is no narrower than the heading's.
+
+        Raises InputError where the position is told by neither.
+        """
+        names = self.system.model.state_names
+        mean = dict.fromkeys(names, 0.0) | _first_truth(self.log) | self.start
+        missing = [name for name in self.settings.about if name not in self.start and name not in _first_truth(self.log)]
+        if missing:
+            raise InputError(f"start: missing key {missing[0]!r}: the log holds no truth of it; say in [start] where the log begins")
+        return Prior([mean[name] for name in names], std=[self.std[name] for name in names])
+
+
+def _first_truth(log: Log) -> dict[str, float]:
+    """The first true value of each state."""
+    if log.truth is None:
+        return {}
+    firsts = {}
+    for column, name in enumerate(log.truth.names):
+        known = log.truth.x[np.isfinite(log.truth.x[:, column]), column]
+        if len(known):
+            firsts[name] = float(known[0])
+    return firsts
+
+
+def scenario_setup(file: Path, scenario: Scenario, topics: Path | None) -> LogSetup:
+    """Return a log read as a scenario says."""
+    named = scenario.replay.topics
+    chosen = topics or (Path(scenario.file).parent / named if named else None)
+    log = read_log(file, scenario.system, chosen)
+    return LogSetup(
+        scenario.title,
+        file,
+        scenario.system,
+        log,
+        dict(scenario.start) if "start" in tomllib.loads(scenario.source) else {},
+        dict(scenario.prior),
+        scenario.replay,
+        scenario.disturbance_psd,
+        scenario.input_psd,
+        scenario.selection.per_segment,
+        scenario.time.segment,
+        _landmarks_of(scenario.system),
+    )
+
+
+def file_setup(file: Path) -> LogSetup:
+    """Return a log whose file holds its beacons: an NPZ of ranges to beacons with odometry, or of tags to anchors without.
+
+    Raises InputError for other files, which need a scenario.
+    """
+    if file.suffix.lower() != ".npz":
+        raise InputError(f"{file}: needs --scenario, a TOML file with [vehicle], [[sensors]] and [prior]: the file does not say what moved")
+    arrays = load_npz(file)
+    if set(RANGING) <= set(arrays):
+        return _ranging_setup(file, arrays)
+    if set(TAGS) <= set(arrays):
+        return _tag_setup(file, arrays)
+    raise InputError(f"{file}: needs --scenario: its arrays {', '.join(arrays)} are of no known layout")
+
+
+def _ranging_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
+    beacons = {f"beacon_{name:g}": (float(x), float(y)) for name, x, y in arrays["beacons"]}
+    system = System(Unicycle(), tuple(Range(place, _RANGE_SIGMA, name=name) for name, place in beacons.items()))
+    log = _facing_forward(read_log(file, system))
+    return LogSetup(file.stem, file, system, log, {}, _RANGING_STD, ReplayTable(), None, None, 1, 10.0, beacons)
+
+
+def _tag_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
+    height = float(np.median(arrays["pose"][:, 2]))
+    tags = tuple((float(a), float(b), float(c) + height) for a, b, c in arrays["tags_body"])
+    anchors = {f"anchor_{i}": (float(x), float(y), float(z)) for i, (x, y, z) in enumerate(arrays["anchors"])}
+    sensors = tuple(TagRanges(anchor=place, tags=tags, sigma=_TAG_SIGMA, name=name) for name, place in anchors.items())
+    system = System(Trolley(), sensors)
+    places = {name: (x, y) for name, (x, y, _) in anchors.items()}
+    return LogSetup(file.stem, file, system, read_log(file, system), {}, _TAG_STD, ReplayTable(), None, None, 1, 10.0, places)
+
+
+def _facing_forward(log: Log) -> Log:
+    """Return the log with true headings that are those of the motion, where the vehicle drove backwards and counts that as forward."""
+    truth = log.truth
+    if truth is None or not {"x", "y", "heading"} <= set(truth.names):
+        return log
+    x, y, heading = (truth.x[:, truth.names.index(name)] for name in ("x", "y", "heading"))
+    step = max(len(x) // 2000, 1)
+    dx, dy = np.diff(x[::step]), np.diff(y[::step])
+    ahead = dx * np.cos(heading[::step][:-1]) + dy * np.sin(heading[::step][:-1])
+    moves = np.hypot(dx, dy) > min(_MOVES, float(np.nanmedian(np.hypot(dx, dy))))
+    if not moves.any() or np.nanmean(ahead[moves] > 0) > 0.5:
+        return log
+    turned = truth.x.copy()
+    turned[:, truth.names.index("heading")] += np.pi
+    note = "the true heading is against the motion: it is turned by 180 degrees"
+    return replace(log, truth=LogTruth(truth.names, truth.t, turned), notes=(*log.notes, note))
+
+
+def _landmarks_of(system: System) -> dict[str, tuple[float, float]]:
+    """The places of sensors that look at one beacon, by their names."""
+    sensors = zip(system.sensor_names, system.sensors, strict=True)
+    return {name: sensor.landmarks[0] for name, sensor in sensors if len(sensor.landmarks) == 1}

@@ -1,0 +1,139 @@
+"""From a log to an answer: calibrate on its first part, replay all of it, and choose the sensors that it could have done with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from obsdesign.blas_threads import one_thread
+from obsdesign.calibration.calibration_record import Calibration
+from obsdesign.calibration.from_log import calibrate
+from obsdesign.errors import InputError
+from obsdesign.log_replay.event_path import Along
+from obsdesign.log_replay.event_replay import replay, rmse_with
+from obsdesign.log_replay.log_schedule import scheduled_log
+from obsdesign.log_replay.replay_result import Replay
+from obsdesign.selection.posterior.filter_schedule import FilterSchedule
+from obsdesign.study.log_setup import LogSetup
+
+_RANDOM_SCHEDULES = 12
+_MOST_RESTARTED_STEPS = 3_000_000  # filters times events: half a minute
+_TIME_LIMIT_EVENTS = 60_000  # of a log beyond which the proof of a schedule is looked for a limited time
+_TIME_LIMIT = 10.0  # s
+
+
+@dataclass(frozen=True, eq=False)
+class ScheduleError:
+    """What a filter's error came to with the samples of a schedule alone: RMSE of what counts, nan without truth; and its prediction."""
+
+    name: str
+    rmse: float
+
+
+@dataclass(frozen=True, eq=False)
+class LogStudy:
+    """What was made of a log: its setup, calibration (None: none was asked for), replay, and schedule (None: nothing to choose)."""
+
+    setup: LogSetup
+    calibration: Calibration | None
+    replay: Replay
+    schedule: FilterSchedule | None
+    schedule_errors: tuple[ScheduleError, ...]
+    notes: tuple[str, ...]
+
+
+@one_thread()
+def study_log(setup: LogSetup, seed: int) -> LogStudy:
+    """Return what a log says. Raises InputError as calibrate and replay."""
+    calibration = _calibration(setup)
+    restarts, notes = _restarts(setup)
+    drive = _replay(setup, calibration, seed, restarts)
+    schedule = log_schedule(setup, drive, seed)
+    errors = () if schedule is None else _schedule_errors(drive, schedule, setup.per_segment, seed)
+    return LogStudy(
+        setup, calibration, drive, schedule, errors, (*drive.notes, *notes, *(() if calibration is None else calibration.notes))
+    )
+
+
+@one_thread()
+def schedule_study(setup: LogSetup, seed: int) -> LogStudy:
+    """Return the schedule of a log, and the one run that it was chosen by; no filters begin anew."""
+    calibration = _calibration(setup)
+    drive = _replay(setup, calibration, seed, 0)
+    schedule = log_schedule(setup, drive, seed)
+    if schedule is None:
+        raise InputError(f"{setup.file}: nothing to choose: a log of a segment or more is needed, and more sensors than may be on")
+    errors = _schedule_errors(drive, schedule, setup.per_segment, seed)
+    return LogStudy(setup, calibration, drive, schedule, errors, drive.notes)
+
+
+def _restarts(setup: LogSetup) -> tuple[int, tuple[str, ...]]:
+    """Return how many filters begin anew in each window, none where the log has too many events for that, and say so."""
+    wanted, log = setup.settings.restarts, setup.log
+    events = len(log.samples.t) + (0 if log.inputs is None else len(log.inputs.t))
+    if wanted * events <= _MOST_RESTARTED_STEPS or log.truth is None:
+        return wanted, ()
+    return 0, (f"windows are those of the one run: for filters begun anew in each the log has many events, about {events}",)
+
+
+def log_schedule(setup: LogSetup, drive: Replay, seed: int) -> FilterSchedule | None:
+    """Return the schedule of a log, None where there is nothing to choose."""
+    if not setup.settings.schedule or len(drive.run.sensors) <= setup.per_segment or drive.t[-1] - drive.t[0] < setup.segment:
+        return None
+    limit = _TIME_LIMIT if len(drive.t) > _TIME_LIMIT_EVENTS else None
+    return drive.schedule(setup.per_segment, setup.segment, seed=seed, time_limit=limit, gap=1e-2)
+
+
+def _calibration(setup: LogSetup) -> Calibration | None:
+    share = setup.settings.calibrate
+    return calibrate(setup.system, setup.log.first(share), setup.prior) if share else None
+
+
+def _replay(setup: LogSetup, calibration: Calibration | None, seed: int, restarts: int) -> Replay:
+    settings, truth = setup.settings, setup.log.truth
+    has_truth = truth is not None and set(settings.about) <= set(truth.names)
+    along: Along = settings.along or ("truth" if has_truth else "estimate")
+    return replay(
+        setup.system if calibration is None else calibration.system,
+        setup.log,
+        setup.prior,
+        disturbance_psd=setup.disturbance_psd if calibration is None else calibration.disturbance_psd,
+        input_psd=setup.input_psd if calibration is None else calibration.input_psd,
+        gate=settings.gate,
+        window=settings.window,
+        about=settings.about,
+        along=along,
+        restarts=restarts if has_truth else 0,
+        seed=seed,
+    )
+
+
+def _schedule_errors(drive: Replay, schedule: FilterSchedule, per_segment: int, seed: int) -> tuple[ScheduleError, ...]:
+    """Return what the filter errs by with all sensors, the chosen schedule, round robin and random ones, where truth tells."""
+    if np.isnan(drive.rmse):
+        return ()
+    segments, sensors = schedule.chosen.shape
+    turns = (np.arange(segments)[:, None] * per_segment + np.arange(per_segment)) % sensors
+    robin = np.zeros_like(schedule.chosen)
+    np.put_along_axis(robin, turns, True, axis=1)
+    random = np.random.default_rng(seed)
+    draws = [np.argsort(random.random((segments, sensors)), axis=1) < per_segment for _ in range(_RANDOM_SCHEDULES)]
+    of_random = [_error_with(drive, schedule, draw) for draw in draws]
+    return (
+        ScheduleError("all on", drive.rmse),
+        ScheduleError("chosen", _error_with(drive, schedule, schedule.chosen)),
+        ScheduleError("round robin", _error_with(drive, schedule, robin)),
+        ScheduleError("random, median", float(np.median(of_random))),
+        ScheduleError("random, best", float(np.min(of_random))),
+    )
+
+
+def _error_with(drive: Replay, schedule: FilterSchedule, chosen: np.ndarray) -> float:
+    """Return the RMSE of the filter with the samples of a schedule (K, S) alone, over all instants; inf where it loses its way."""
+    question = drive.question
+    try:
+        log = scheduled_log(question.log, chosen, schedule.boundaries, schedule.sensors)
+        return rmse_with(question, log)
+    except InputError:
+        return float("inf")
