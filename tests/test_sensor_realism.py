@@ -603,9 +603,10 @@ def test_wind_is_seen_by_speed_and_course_over_ground_with_a_compass():
     assert set(verdict.observable_states) == {"heading", "wind_x", "wind_y"}
 
 
-def test_a_velocity_that_an_input_makes_is_no_function_of_the_state():
-    with pytest.raises(od.InputError, match=r"sensor 'course' needs the state 'y_rate', .*: a rate is one of the state alone"):
-        _ = od.System(od.Unicycle(), (od.Course(0.1),)).model
+def test_a_velocity_that_nobody_knows_is_no_output():
+    for vehicle, unknown in ((od.Unicycle(wind="unknown"), ()), (od.Unicycle(), ("speed",))):
+        with pytest.raises(od.InputError, match=r"sensor 'course' needs the state 'y_rate', .*: a rate is one of the state and of known"):
+            _ = od.System(vehicle, (od.Course(0.1),), unknown).model
 
 
 def test_what_a_beacon_sensor_is_told_is_looked_at():

@@ -18,13 +18,14 @@ from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion,
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.generic_rank import cap_if_known, generic_result
 from obsdesign.analysis.jets import jets_result
+from obsdesign.analysis.known_signals import with_signal_states
 from obsdesign.analysis.null_space_text import hidden_in_words
 from obsdesign.analysis.number_readings import AbstractQuery, QueryResult, readings_text, verdict_over_readings
 from obsdesign.analysis.polynomial_inputs import Polynomial, augment
 from obsdesign.analysis.rank_growth import modular_growth, require_value, restrict_to_piece
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_count
+from obsdesign.checks import as_array, require_count
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.errors import InputError
 from obsdesign.rank.exact_numbers import ExactNumber
@@ -81,17 +82,25 @@ def observability_of(
 ) -> Verdict:
     """Return the verdict for a model, such as some of a system's sensors: `system.model.only(names)`. See `observability`."""
     _validate_query(model, disturbance, known_inputs, method, orders, seed)
+    model, signals = with_signal_states(model, held or {})
+    if at is not None and signals and np.shape(at) != (len(model.states),):
+        at = [*as_array("at", at).tolist(), *(float(value) for value in random_fractions(len(signals), f"{seed} known signals"))]
     with exclusive_flint():
         augmented_model = augment(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
         point = None if at is None else _query_point(model, augmented_model, at, seed)
-        query = _ObservabilityQuery(model, augmented_model, _validate_held(held or {}), disturbance, known_inputs, seed, method, orders)
+        query = _ObservabilityQuery(
+            model, augmented_model, _validate_held(held or {}), disturbance, known_inputs, seed, method, orders, signals
+        )
         given = [] if at is None else [float(value) for value in np.asarray(at, dtype=float)]
         return verdict_over_readings(query, point, given, seed)
 
 
 @dataclass(frozen=True, eq=False)
 class _ObservabilityQuery(AbstractQuery):
-    """What was asked but for the point; augmented_model: the model with the unknown inputs of a polynomial disturbance as states."""
+    """What was asked but for the point; augmented_model: the model with the unknown inputs of a polynomial disturbance as states.
+
+    signals: names of the states that stand for known inputs, which the verdict is not about.
+    """
 
     model: Model
     augmented_model: Model
@@ -101,6 +110,7 @@ class _ObservabilityQuery(AbstractQuery):
     seed: int
     method: Literal["recursion", "jets"]
     orders: int | None
+    signals: tuple[str, ...] = ()
 
     @property
     def is_smooth(self) -> bool:
@@ -155,23 +165,26 @@ class _ObservabilityQuery(AbstractQuery):
     def _verdict_of(
         self, equations: Equations, result: EngineResult, *, is_given_point: bool = False, is_singular: bool = False
     ) -> Verdict:
-        rank, n, states = result.rank, len(self.augmented_model.states), self.augmented_model.state_names
+        rank, r, states = result.rank, len(self.signals), self.augmented_model.state_names
+        n, is_asked = len(states) - r, [name not in self.signals for name in states]
         at = equations.original_state(result.point).midpoint
         hidden = hidden_in_words(self.augmented_model, rank.null_basis, at, is_given_point=is_given_point, is_singular=is_singular)
         return Verdict(
-            dimension=rank.rank,
-            observable=rank.rank == n,
-            observable_states=tuple(name for name, is_seen in zip(states, rank.is_determined, strict=True) if is_seen),
+            dimension=rank.rank - r,
+            observable=rank.rank == n + r,
+            observable_states=tuple(
+                name for name, is_seen in zip(states, rank.is_determined, strict=True) if is_seen and name not in self.signals
+            ),
             unobservable_states=tuple(name for name, is_seen in zip(states, rank.is_determined, strict=True) if not is_seen),
-            null_space=rank.null_space,
+            null_space=rank.null_space[is_asked],
             hidden=hidden if result.is_decided else f"not decided, not seen so far: {hidden}",
-            ranks=result.ranks,
+            ranks=tuple(count - r for count in result.ranks),
             disturbance=_disturbance_in_words(self.model, self.disturbance),
             known_inputs=self.known_inputs,
-            at=at,
+            at=at[is_asked],
             stopped_by=result.stopped_by,
             decided=result.is_decided,
-            proof=result.proof(n),
+            proof=result.proof(n + r) + (f"; {r} of these are the known signals {', '.join(self.signals)}" if r else ""),
         )
 
 

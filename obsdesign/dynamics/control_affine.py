@@ -46,6 +46,9 @@ class ControlAffineSystem(AbstractSystem):
     """Names of states, outputs and entries of outputs that wrap to (-pi, pi] [rad]."""
     noises: Mapping[str, OutputNoise] = field(default_factory=dict)
     """Name of an output -> all that is to be said of its errors and of when its samples come; in place of a number in `sigmas`."""
+    signals: Mapping[str, ca.SX] = field(default_factory=dict)
+    """Name of a known input that outputs contain -> its symbol in them, such as a measured airspeed; an input that moves nothing need not
+    be among `known`. A sample at t_k sees it as it is held from then on."""
 
     @classmethod
     def from_rate(  # noqa: PLR0917  # the fields of the record, in their order
@@ -88,9 +91,10 @@ class ControlAffineSystem(AbstractSystem):
             is_driven = ca.densify(ca.SX([float(slopes[i, j].nnz() > 0) for i in range(rate.numel())]))
             column[name] = is_driven * (ca.substitute(rate, symbols, unit) - drift)
         groups = [{name: column[name] for name in group} for group in (known, unknown)]
-        return cls(
-            state, tuple(names), drift, groups[0], groups[1], dict(outputs or {}), dict(sigmas or {}), tuple(angles), dict(noises or {})
-        )
+        seen = ca.vertcat(*(outputs or {}).values()) if outputs else ca.SX(0, 1)
+        signals = {name: symbol for name, symbol in known.items() if ca.depends_on(seen, symbol)}
+        rest = (dict(outputs or {}), dict(sigmas or {}), tuple(angles), dict(noises or {}), signals)
+        return cls(state, tuple(names), drift, groups[0], groups[1], *rest)
 
     def __post_init__(self) -> None:
         import casadi as ca
@@ -106,6 +110,10 @@ class ControlAffineSystem(AbstractSystem):
         object.__setattr__(self, "sigmas", dict(self.sigmas))
         object.__setattr__(self, "angles", tuple(self.angles))
         object.__setattr__(self, "noises", dict(self.noises))
+        object.__setattr__(self, "signals", dict(self.signals))
+        for name, symbol in self.signals.items():
+            if not (isinstance(symbol, ca.SX) and symbol.is_scalar() and symbol.is_valid_input()):
+                raise InputError(f"signals[{name!r}] is {symbol}: must be an SX symbol, one number")
         self._check()
 
     def _check(self) -> None:
@@ -121,7 +129,7 @@ class ControlAffineSystem(AbstractSystem):
             for i, name in enumerate(self.names)
             if name in self.outputs and self.outputs[name].numel() == 1 and ca.is_equal(self.outputs[name], self.state[i])
         }
-        all_names = [*self.names, *self.known, *self.unknown, *(name for name in self._entries if name not in measured_states)]
+        all_names = [*self.names, *self._inputs, *self.unknown, *(name for name in self._entries if name not in measured_states)]
         repeated = sorted({name for name in all_names if all_names.count(name) > 1})
         if repeated:
             raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")
@@ -129,7 +137,8 @@ class ControlAffineSystem(AbstractSystem):
         for name, expression in {"drift": self.drift, **self.known, **self.unknown}.items():
             require_expression(f"field {name!r}" if name in inputs else name, expression, self.state, (n, 1), inputs)
         for name, expression in self.outputs.items():
-            require_expression(f"output {name!r}", expression, self.state, (max(expression.shape[0], 1), 1), inputs)
+            seen = ca.vertcat(self.state, *self.signals.values())
+            require_expression(f"output {name!r}", expression, seen, (max(expression.shape[0], 1), 1), inputs)
             require_dependence(name, expression, self.state)
         require_known("sigmas", tuple(self.sigmas), tuple(self.outputs))
         require_known("angles", self.angles, (*self.names, *self.outputs, *self._entries))
@@ -143,6 +152,13 @@ class ControlAffineSystem(AbstractSystem):
                 shapes = ((1, 1), (self.outputs[name].numel(), 1)) if what == "sigma" else ((1, 1),)
                 shape = expression.shape if expression.shape in shapes else shapes[-1]
                 require_expression(f"noises: {what} of {name!r}", expression, self.state, shape, inputs)
+
+    @property
+    def _inputs(self) -> dict[str, ca.SX]:
+        """Name of each known input -> its field, 0 of those that outputs alone contain."""
+        import casadi as ca
+
+        return {**self.known, **{name: ca.SX(self.state.numel(), 1) for name in self.signals if name not in self.known}}
 
     @property
     def _entries(self) -> tuple[str, ...]:
@@ -159,17 +175,20 @@ class ControlAffineSystem(AbstractSystem):
         return Channel(name, signals, self.outputs[name], noise.noise, noise.rate, noise.landmarks)
 
     def _build(self) -> Model:
+        import casadi as ca
+
         n = self.state.numel()
         signals = {name: Signal(name, is_angle=name in self.angles) for name in self.names}
         return Model(
             x=self.state,
             states=tuple(signals[name] for name in self.names),
             drift=self.drift,  # pyright: ignore[reportArgumentType]  # __post_init__ replaced None by zeros
-            inputs=tuple(Signal(name) for name in self.known),
-            B=columns(list(self.known.values()), n),
+            inputs=tuple(Signal(name) for name in self._inputs),
+            B=columns(list(self._inputs.values()), n),
             unknown_inputs=tuple(Signal(name) for name in self.unknown),
             G=columns(list(self.unknown.values()), n),
             channels=tuple(self._channel(name) for name in self.outputs),
+            u_of_outputs=ca.vertcat(*(self.signals.get(name, ca.SX.sym("unused")) for name in self._inputs)) if self.signals else None,
         )
 
     @cached_property
@@ -179,8 +198,8 @@ class ControlAffineSystem(AbstractSystem):
 
         expressions = [self.drift, *self.known.values(), *self.unknown.values(), *self.outputs.values()]
         expressions += [expression for noise in self.noises.values() for expression in noise.expressions]
-        graph = ca.Function("system", [self.state], expressions).serialize()
-        names = (self.names, tuple(self.known), tuple(self.unknown), tuple(self.outputs))
+        graph = ca.Function("system", [self.state, ca.vertcat(*self.signals.values())], expressions).serialize()
+        names = (self.names, tuple(self.known), tuple(self.unknown), tuple(self.outputs), tuple(self.signals))
         noises = tuple((name, noise.numbers) for name, noise in self.noises.items())
         return graph, names, tuple(sorted(self.sigmas.items())), self.angles, noises
 
@@ -207,13 +226,14 @@ def _restore(
 ) -> ControlAffineSystem:
     import casadi as ca
 
-    state_names, known_names, unknown_names, output_names = names
+    state_names, known_names, unknown_names, output_names, signal_names = names
     x = ca.vertcat(*(ca.SX.sym(name) for name in state_names))
-    values = iter(ca.Function.deserialize(graph).call([x]))
+    signals = {name: ca.SX.sym(name) for name in signal_names}
+    values = iter(ca.Function.deserialize(graph).call([x, ca.vertcat(*signals.values())]))
     drift = next(values)
     groups = [{name: next(values) for name in group} for group in (known_names, unknown_names, output_names)]
     noise_of = {name: noise_from(numbers, values) for name, numbers in noises}
-    system = ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles, noise_of)
+    system = ControlAffineSystem(x, state_names, drift, groups[0], groups[1], groups[2], dict(sigmas), angles, noise_of, signals)
     # the restored graph may be written in another order: its key stays the one it was made from
     object.__setattr__(system, "_key", (graph, names, sigmas, angles, noises))
     return system

@@ -82,7 +82,8 @@ class Model:
 
     B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels; u (m, 1), w (p, 1) symbols.
     joint: groups of channels whose errors are correlated with each other, no channel in two of them. is_per_step: whether time is
-    counted in steps, the first known input being their length [s]; see `PerStepSystem`.
+    counted in steps, the first known input being their length [s]; see `PerStepSystem`. u_of_outputs (m, 1): symbols that stand for u in
+    the channels' h, None where no output contains inputs; those of a sample at t_k are held from then on.
     """
 
     x: ca.SX
@@ -95,6 +96,7 @@ class Model:
     channels: tuple[Channel, ...]
     joint: tuple[JointNoise, ...] = ()
     is_per_step: bool = False
+    u_of_outputs: ca.SX | None = None
     u: ca.SX = field(init=False)
     w: ca.SX = field(init=False)
 
@@ -104,6 +106,10 @@ class Model:
         # made once with the model: graphs of it that were built at different times fit together
         object.__setattr__(self, "u", ca.SX.sym("u", len(self.inputs)))
         object.__setattr__(self, "w", ca.SX.sym("w", len(self.unknown_inputs)))
+        if self.u_of_outputs is not None:
+            h = [ca.substitute(channel.h, self.u_of_outputs, self.u) for channel in self.channels]
+            object.__setattr__(self, "channels", tuple(replace(each, h=value) for each, value in zip(self.channels, h, strict=True)))
+            object.__setattr__(self, "u_of_outputs", self.u)
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -141,6 +147,15 @@ class Model:
     def landmarks(self) -> tuple[Point, ...]:
         """Distinct points that sensors look at."""
         return tuple(dict.fromkeys(point for channel in self.channels for point in channel.landmarks))
+
+    @cached_property
+    def inputs_in_outputs(self) -> tuple[int, ...]:
+        """Places of the known inputs that outputs contain."""
+        import casadi as ca
+
+        if self.u_of_outputs is None or not self.outputs:
+            return ()
+        return tuple(i for i, is_there in enumerate(ca.which_depends(self.h, self.u, 1, False)) if is_there)
 
     @property
     def noise_scale(self) -> ca.SX | float:

@@ -12,13 +12,15 @@ from obsdesign.signals import Signal
 from obsdesign.trajectory import Trajectory
 
 LENGTH = Signal("length of a step", "s")
+_AT_SAMPLES = " at the samples"
 
 
 @dataclass(frozen=True)
 class PerStepSystem(AbstractSystem):
     """dx/dk = dt g_0 + sum_i f_i (dt u_i) + sum_j g_j (dt w_j): k counts the steps, dt is the length of the step that is made.
 
-    Known inputs (dt, dt u), unknown inputs dt w: control-affine as the system is, each step is one of length 1, also where dt = 0.
+    Known inputs (dt, dt u), unknown inputs dt w: control-affine as the system is, each step is one of length 1, also where dt = 0. What
+    outputs contain of u follows as inputs that move nothing.
     Sensors have a sample at every step; who asks says which of them are there.
     """
 
@@ -30,12 +32,13 @@ class PerStepSystem(AbstractSystem):
     def _build(self) -> Model:
         import casadi as ca
 
-        model = self.system.model
+        model, in_outputs = self.system.model, self.system.model.inputs_in_outputs
         return replace(
             model,
             drift=ca.SX(*model.drift.shape),
-            inputs=(LENGTH, *(_integral_of(signal) for signal in model.inputs)),
-            B=ca.horzcat(model.drift, model.B),
+            inputs=(LENGTH, *(_integral_of(signal) for signal in model.inputs), *(_held(model.inputs[i]) for i in in_outputs)),
+            B=ca.horzcat(model.drift, model.B, ca.SX(model.x.numel(), len(in_outputs))),
+            u_of_outputs=ca.vertcat(ca.SX.sym("unused", 1 + len(model.inputs)), model.u[list(in_outputs)]) if in_outputs else None,
             unknown_inputs=tuple(_integral_of(signal) for signal in model.unknown_inputs),
             channels=tuple(self._channel(channel) for channel in model.channels),
             is_per_step=True,
@@ -51,6 +54,17 @@ class PerStepSystem(AbstractSystem):
 def _integral_of(signal: Signal) -> Signal:
     """The signal's integral over a step; of the same name, by which it is asked for."""
     return replace(signal, unit=f"{signal.unit} s".strip(), is_angle=False)
+
+
+def _held(signal: Signal) -> Signal:
+    """The signal as it is when a sample is taken."""
+    return replace(signal, name=f"{signal.name}{_AT_SAMPLES}")
+
+
+def held_columns(model: Model) -> list[int]:
+    """Return which of a system's own inputs stand behind (dt, dt u) where time is counted in steps, as outputs contain them."""
+    own = [name for name in model.input_names[1:] if not name.endswith(_AT_SAMPLES)] if model.is_per_step else []
+    return [own.index(name.removesuffix(_AT_SAMPLES)) for name in model.input_names[1 + len(own) :]] if own else []
 
 
 def system_along(
@@ -94,7 +108,7 @@ def require_timed(model: Model) -> None:
             )
 
 
-def scaled_inputs(path: Trajectory, p: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (dt, dt u) (N, 1 + m) and dt w (N, p) along a path, w = 0 where the path does not tell it."""
-    dt = path.lengths[:, None]
-    return np.hstack([dt, dt * path.u]), np.zeros((path.steps, p)) if path.w is None else dt * path.w
+def scaled_inputs(path: Trajectory, model: Model) -> tuple[np.ndarray, np.ndarray]:
+    """Return (dt, dt u) with what outputs contain of u (N, 1 + m + r), and dt w (N, p), w = 0 where the path does not tell it."""
+    dt, p = path.lengths[:, None], len(model.unknown_inputs)
+    return np.hstack([dt, dt * path.u, path.u[:, held_columns(model)]]), np.zeros((path.steps, p)) if path.w is None else dt * path.w

@@ -105,6 +105,9 @@ def noise_of(model: Model, disturbance_psd: DisturbancePsd, input_psd: InputPsd,
     steady = given.at_rest if isinstance(given, PerSpeed) else given
     per_input = dict(input_psd or {})
     require_known("input_psd: the system's known inputs", tuple(per_input), _own_inputs(model))
+    for i in model.inputs_in_outputs:
+        if (name := model.input_names[i]) in per_input:
+            raise InputError(f"input_psd: outputs contain the input {name!r}: noise is possible of inputs that they do not contain")
     inputs = tuple(_input_noise(name, psd, step) for name, psd in per_input.items())
     if growing is not None or any(isinstance(psd, PerSpeed) for psd in per_input.values()):
         _require_speed(model)

@@ -150,9 +150,20 @@ class Readings:
     gate: np.ndarray
 
 
-def readings(system: AbstractSystem, states: np.ndarray) -> Readings:
-    """Return what the sensors read at states (M, N, n)."""
-    return Readings(*_readings_scan(system.model).run(np.empty((len(states), 0)), [states], states.shape[1], carries=False).results)
+def readings(system: AbstractSystem, states: np.ndarray, u: np.ndarray | None = None) -> Readings:
+    """Return what the sensors read at states (M, N, n) under inputs u (N, m); None: only of outputs that contain none."""
+    model = system.model
+    if u is None:
+        require_free_outputs(model, "samples apart from a path, as of `calibrate` and `fly`,")
+        u = np.zeros((states.shape[1], len(model.inputs)))
+    return Readings(*_readings_scan(model).run(np.empty((len(states), 0)), [states, u], states.shape[1], carries=False).results)
+
+
+def require_free_outputs(model: Model, what: str) -> None:
+    """Raise InputError where an output contains a known input."""
+    if places := model.inputs_in_outputs:
+        name = model.input_names[places[0]]
+        raise InputError(f"outputs contain the input {name!r}: {what} need outputs without inputs")
 
 
 @lru_cache(CACHE_SIZE)
@@ -164,7 +175,7 @@ def _readings_scan(model: Model) -> Scan:
         ca.vertcat(*[ca.SX.ones(count) * value(noise) for noise, count in noises])
         for value in (lambda noise: noise.spread, lambda noise: noise.variance, lambda noise: noise.gate)
     ]
-    return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [model.h, *columns])
+    return Scan(ca.SX(0, 1), [model.x, model.u], ca.SX(0, 1), [model.h, *columns])
 
 
 def as_state(system: AbstractSystem, value: ArrayLike, what: str) -> np.ndarray:
@@ -199,7 +210,7 @@ def inputs_along(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, 
     """Return u (N, m) and w (N, p) along a path of this system, w = 0 where the path does not tell it."""
     p = len(system.model.unknown_inputs)
     if system.model.is_per_step:
-        return scaled_inputs(path, p)
+        return scaled_inputs(path, system.model)
     return path.u, np.zeros((path.steps, p)) if path.w is None else path.w
 
 

@@ -106,6 +106,8 @@ class System(AbstractSystem):
         known_pairs = [pair for pair in signals_and_columns if pair[0].name not in self.unknown_inputs]
         unknown_pairs = [pair for pair in signals_and_columns if pair[0].name in self.unknown_inputs]
         unknown_pairs += list(zip(vehicle.disturbances, fields.disturbances, strict=True))
+        u = ca.vertcat(*(ca.SX.sym(signal.name) for signal, _ in known_pairs))
+        known = {signal.name: u[i] for i, (signal, _) in enumerate(known_pairs)}
         model = Model(
             x=x,
             states=states,
@@ -114,7 +116,8 @@ class System(AbstractSystem):
             B=columns([column for _, column in known_pairs], len(states)),
             unknown_inputs=tuple(signal for signal, _ in unknown_pairs),
             G=columns([column for _, column in unknown_pairs], len(states)),
-            channels=tuple(_channels(self, x)),
+            channels=tuple(_channels(self, x, _rates(self, fields, known))),
+            u_of_outputs=u if known_pairs else None,
             joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]
         )
         return model if self.suite is None else model.only(self.suite)
@@ -140,11 +143,11 @@ def _fields(vehicle: AbstractVehicle, x: ca.SX) -> Fields:
     return Fields(ca.vertcat(fields.drift, below), inputs, disturbances)
 
 
-def _channels(system: System, x: ca.SX) -> Iterator[Channel]:
+def _channels(system: System, x: ca.SX, rates: Mapping[str, ca.SX]) -> Iterator[Channel]:
     import casadi as ca
 
     state = {signal.name: x[i] for i, signal in enumerate(system.states)}
-    state |= _rates(system.vehicle, x[: len(system.vehicle.states)])
+    state |= rates
     for group in sensor_groups(system.sensors):
         readings = [_reading(sensor, sensor.name if sensor.group else group.name, state) for sensor in group.sensors]
         h = ca.vertcat(*(reading.h for reading in readings))
@@ -210,21 +213,24 @@ def _product(gates: Sequence[ca.SX]) -> ca.SX:
     return share
 
 
-def _rates(vehicle: AbstractVehicle, x: ca.SX) -> dict[str, ca.SX]:
-    """Return how fast states change, as x_rate, ...: of those in whose rate neither inputs nor disturbances have a part."""
-    import casadi as ca
-
-    fields = vehicle.fields(x)
-    driven = ca.horzcat(*fields.inputs, *fields.disturbances)
-    free = [i for i in range(len(vehicle.states)) if driven.numel() == 0 or ca.sparsify(driven[i, :]).nnz() == 0]
-    return {f"{vehicle.states[i].name}_rate": fields.drift[i] for i in free}
+def _rates(system: System, fields: Fields, known: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """Return how fast the vehicle's states change, as x_rate, ...: of those in whose rate nothing unknown has a part."""
+    unknown = [
+        *(column for signal, column in zip(system.vehicle.inputs, fields.inputs, strict=True) if signal.name in system.unknown_inputs),
+        *fields.disturbances,
+    ]
+    names = [signal.name for signal in system.vehicle.inputs]
+    moved = sum((known[name] * column for name, column in zip(names, fields.inputs, strict=True) if name in known), fields.drift)
+    return {
+        f"{state.name}_rate": moved[i] for i, state in enumerate(system.vehicle.states) if all(column[i].is_zero() for column in unknown)
+    }
 
 
 def _about(missing: KeyError) -> str:
     """What to do about a state that is missing, if it is a rate."""
     if not str(missing.args[0]).endswith("_rate"):
         return ""
-    return ": a rate is one of the state alone, without inputs or unknown ones (a constant wind, a constant speed)"
+    return ": a rate is one of the state and of known inputs, nothing unknown in it (a constant wind, a known speed)"
 
 
 def _spread_of(system: System, name: str, spread: ca.SX) -> ca.SX:

@@ -12,7 +12,7 @@ from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
 from obsdesign.dynamics.process_noise import ProcessNoise
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import substeps_needed
+from obsdesign.dynamics.simulation import require_free_outputs, substeps_needed
 from obsdesign.errors import InputError
 from obsdesign.estimation._filter_scans import (
     FilterKey,
@@ -86,6 +86,7 @@ class FilterBank:
 
         Raises InputError for an active output that is not finite.
         """
+        require_free_outputs(self.system.model, "updates apart from steps")
         is_active = np.broadcast_to(active, y.shape).astype(float)
         _require_finite(self.system, y[None], is_active[None])
         return self._run_once(update_scan(self._key(self.substeps or 1), self.system.model), belief, [y[:, None], is_active[:, None]])

@@ -233,7 +233,7 @@ def _run_filters(task: _MonteCarloTask) -> tuple[np.ndarray, np.ndarray]:
         truth, told = states_from(noisy, starts, u, path.pace, w, process_noise, substeps=substeps), None
     else:
         truth, told = path.x[None], process_noise + task.remainder + input_noise_effect(system, path, task.noise, input_noise)
-    path_readings = readings(system, truth[:, :-1])
+    path_readings = readings(system, truth[:, :-1], u)
     y = MeasurementNoise(varying, constant).added_to(path_readings)
     active = task.active[:, list(model.output_owner)] & is_in_sight(model, path_readings.gate) & is_detected
     bank = FilterBank(system, path.pace, task.noise, substeps, estimator=task.estimator)

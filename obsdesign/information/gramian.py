@@ -15,7 +15,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.calculus import wrap_columns
 from obsdesign.checks import all_finite, as_array
 from obsdesign.dynamics.model import AbstractSystem, Model
-from obsdesign.dynamics.per_step import system_along
+from obsdesign.dynamics.per_step import held_columns, system_along
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import all_inputs_along, readings, states_from, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
@@ -161,7 +161,7 @@ def _step_split(system: AbstractSystem, path: Trajectory) -> _StepSplit:
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
     """Raise InputError unless the path has this system's states and inputs, known and unknown, and the system has sensors."""
     model = system.model
-    if path.x.shape[1] != len(model.states) or path.u.shape[1] != len(model.inputs) - model.is_per_step:
+    if path.x.shape[1] != len(model.states) or path.u.shape[1] != len(model.inputs) - model.is_per_step - len(held_columns(model)):
         raise InputError(
             f"path has {path.x.shape[1]} states and {path.u.shape[1]} inputs: the system has"
             f" {len(model.states)} ({', '.join(model.state_names)}) and {len(model.inputs)} ({', '.join(model.input_names)})"
@@ -256,7 +256,7 @@ def _difference_samples(
     """Central differences over 2 n paths; the weights are those of the path itself."""
     model, Y = system.model, _differences(system, eps, x, all_inputs, split)
     if weighted:
-        path_readings = readings(system, x[None])
+        path_readings = readings(system, x[None], all_inputs[:, : len(model.inputs)])
         Y *= np.sqrt(path_readings.gate[0] / path_readings.variance[0])
     owner = np.array(model.output_owner)
     blocks = [np.einsum("ikq,jkq->kij", Y[..., owner == s], Y[..., owner == s]) for s in range(len(model.channels))]
@@ -268,7 +268,7 @@ def _differences(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, all_inp
     n, (u, w) = x.shape[1], _split_inputs(system, all_inputs)
     starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
     states = states_from(system, starts, u, split.step, w, defects(system, x, all_inputs, *split), substeps=split.substeps)[:, :-1]
-    y = readings(system, states).y
+    y = readings(system, states, u).y
     angles = np.array([signal.is_angle for signal in system.model.outputs])
     return wrap_columns(y[:n] - y[n:], angles) / (2 * eps[:, None, None])
 

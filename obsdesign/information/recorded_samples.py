@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.dynamics.model import AbstractSystem, Channel, Model
-from obsdesign.dynamics.per_step import PerStepSystem, require_timed, require_uncorrelated
+from obsdesign.dynamics.per_step import PerStepSystem, held_columns, require_timed, require_uncorrelated
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import inputs_along, join_inputs, readings, substeps_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
@@ -46,7 +46,9 @@ class RecordedSamples:
         for s in np.unique(self.sensor):
             chosen = self.sensor == s
             x, F = self.x[chosen], self.F[chosen]
-            blocks = _block_scan(model, int(s)).along(np.empty(0), x)[1].reshape(-1, n, n)
+            u = np.zeros((len(x), len(model.inputs)))
+            u[:, 1 + self.path.u.shape[1] :] = self.path.u[self.step[chosen]][:, held_columns(model)]
+            blocks = _block_scan(model, int(s)).along(np.empty(0), x, u)[1].reshape(-1, n, n)
             blocks = self.weight[chosen][:, None, None] * (F.swapaxes(1, 2) @ blocks @ F)
             if not np.isfinite(blocks).all():
                 j = int(np.argmax(~np.isfinite(blocks).all(axis=(1, 2))))
@@ -133,7 +135,7 @@ def _partial_scan(model: Model, substeps: int) -> Scan:
 def _block_scan(model: Model, sensor: int) -> Scan:
     """X -> C' R^-1 C (n n,) of one sensor."""
     single = model.only([model.sensor_names[sensor]])
-    return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [dense_blocks(blocks_of(single, ca.SX.eye(model.x.numel())))])
+    return Scan(ca.SX(0, 1), [model.x, single.u], ca.SX(0, 1), [dense_blocks(blocks_of(single, ca.SX.eye(model.x.numel())))])
 
 
 def _weights(system: AbstractSystem, x: np.ndarray, sensor: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -141,7 +143,7 @@ def _weights(system: AbstractSystem, x: np.ndarray, sensor: np.ndarray, sigma: n
     weight, is_told = np.ones(len(sensor)), np.isfinite(sigma)
     if not is_told.any():
         return weight
-    spread = readings(system, x[None, is_told]).spread[0]
+    spread = readings(system, x[None, is_told], np.zeros((int(is_told.sum()), len(system.model.inputs)))).spread[0]
     for j, s in enumerate(sensor[is_told]):
         channel = system.model.channels[s]
         require_single_spread(system.model, channel)

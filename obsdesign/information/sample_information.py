@@ -9,6 +9,7 @@ import numpy as np
 from obsdesign.checks import all_finite
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.scan import Scan
+from obsdesign.dynamics.simulation import inputs_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, steps_per_sample
 from obsdesign.errors import InputError
 from obsdesign.information.correlated_noise import Colour
@@ -60,7 +61,8 @@ def require_finite_blocks(blocks: np.ndarray, system: AbstractSystem, path: Traj
 def require_derivatives(system: AbstractSystem, path: Trajectory, requested: np.ndarray) -> None:
     """Raise InputError with the sensor and the step for the first sample of those asked (N, S) that has no derivative."""
     n = path.x.shape[1]
-    local = _local_scan(system.model).along(np.empty(0), path.x[: len(requested)])[1].reshape(len(requested), -1, n, n)
+    rows = [values[: len(requested)] for values in (path.x, inputs_along(system, path)[0])]
+    local = _local_scan(system.model).along(np.empty(0), *rows)[1].reshape(len(requested), -1, n, n)
     missing = requested & ~np.isfinite(local).all(axis=(2, 3))
     if missing.any():
         k, s = np.argwhere(missing)[0]
@@ -72,4 +74,4 @@ def require_derivatives(system: AbstractSystem, path: Trajectory, requested: np.
 def _local_scan(model: Model) -> Scan:
     import casadi as ca
 
-    return Scan(ca.SX(0, 1), [model.x], ca.SX(0, 1), [dense_blocks(blocks_of(model, ca.SX.eye(model.x.numel())))])
+    return Scan(ca.SX(0, 1), [model.x, model.u], ca.SX(0, 1), [dense_blocks(blocks_of(model, ca.SX.eye(model.x.numel())))])

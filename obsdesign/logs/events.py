@@ -28,6 +28,8 @@ class Events:
     """Instants (N+1,) [s], none before the other."""
     increments: np.ndarray
     """Integrals (N, m) of the known inputs over the steps."""
+    held: np.ndarray
+    """Known inputs (N, r) that outputs contain, as they are at the beginnings of the steps."""
     y: np.ndarray
     """Outputs (N, q), 0 where there is no sample."""
     arrived: np.ndarray
@@ -50,8 +52,8 @@ class Events:
 
     @property
     def rows(self) -> np.ndarray:
-        """(dt, dt u) (N, 1 + m), the known inputs where time is counted in steps."""
-        return np.column_stack([self.lengths, self.increments])
+        """(dt, dt u), and u where outputs contain it (N, 1 + m + r), the known inputs where time is counted in steps."""
+        return np.column_stack([self.lengths, self.increments, self.held])
 
 
 @validate_arguments
@@ -84,7 +86,7 @@ def events_of(system: AbstractSystem, log: Log, step: float | None = None) -> Ev
         y[instant[chosen][:, None], outputs] = samples.y[chosen, : len(outputs)]
         arrived[instant[chosen], s] = True
         sigma[instant[chosen], s] = np.nan if samples.sigma is None else samples.sigma[chosen]
-    return Events(t, input_integrals(model, log, t), y, arrived, sigma, shifts)
+    return Events(t, input_integrals(model, log, t), _held_inputs(model, log, t[:-1]), y, arrived, sigma, shifts)
 
 
 def require_samples(system: AbstractSystem, log: Log) -> LogSamples:
@@ -117,6 +119,13 @@ def input_integrals(model: Model, log: Log, t: np.ndarray) -> np.ndarray:
     require_known("log: inputs: the system", names, model.input_names)
     integrals = log.inputs.integrals(t)  # pyright: ignore[reportOptionalMemberAccess]
     return integrals[:, [names.index(name) for name in model.input_names]]
+
+
+def _held_inputs(model: Model, log: Log, t: np.ndarray) -> np.ndarray:
+    """Return the inputs (N, r) that outputs contain, from the times t (N,) on."""
+    if log.inputs is None or not model.inputs_in_outputs:
+        return np.zeros((len(t), 0))
+    return log.inputs.at(t)[:, [log.inputs.names.index(model.input_names[i]) for i in model.inputs_in_outputs]]
 
 
 def _tolerance(times: np.ndarray) -> float:

@@ -53,6 +53,15 @@ class LogInputs:
             integrals[:, i] = np.diff(self._integral(i, times))
         return integrals
 
+    def at(self, times: np.ndarray) -> np.ndarray:
+        """Return each input (N, m) from each of the times (N,) [s] on: what is held then, of increments the mean rate."""
+        return np.column_stack([self._rates(i, times) for i in range(len(self.names))])
+
+    def _rates(self, column: int, times: np.ndarray) -> np.ndarray:
+        nodes, sums, (before, after) = self._piecewise[column]
+        rates = np.concatenate([[before], np.diff(sums) / np.diff(nodes), [after]])
+        return rates[np.searchsorted(nodes, times, side="right")]
+
     def stretch(self, first: float, last: float) -> LogInputs:
         """Return the readings from one time to another [s], at the beginning those before that still hold there; of increments that
         part as well which came together until the end. Integrals within that time stay what they are.

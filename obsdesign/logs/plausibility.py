@@ -53,7 +53,7 @@ def _outputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
     for i, values in enumerate(log.truth.at(log.samples.t, angles).T):
         if log.truth.names[i] in model.state_names:
             states[:, model.state_names.index(log.truth.names[i])] = values
-    at_truth = readings(system, states[None])
+    at_truth = readings(system, states[None], _inputs_at(system, log))
     expected, spread = at_truth.y[0], at_truth.spread[0]
     for place, name in enumerate(log.samples.names):
         outputs = model.outputs_of.get(name, ())
@@ -64,6 +64,17 @@ def _outputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
             off = np.abs(log.samples.y[chosen, column] - expected[chosen, output])
             if np.median(off / spread[chosen, output]) > _NOISE:
                 yield model.outputs[output].name, _ratio(log.samples.y[chosen, column], expected[chosen, output])
+
+
+def _inputs_at(system: AbstractSystem, log: Log) -> np.ndarray:
+    """The inputs (K, m) at the samples, nan where the log has none."""
+    model, u = system.model, np.full((len(log.samples.t), len(system.model.inputs)), np.nan)
+    if log.inputs is None or not model.inputs_in_outputs:
+        return u
+    for column, values in zip(log.inputs.names, log.inputs.at(log.samples.t).T, strict=True):
+        if column in model.input_names:
+            u[:, model.input_names.index(column)] = values
+    return u
 
 
 def _inputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:

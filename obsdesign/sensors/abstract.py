@@ -67,7 +67,7 @@ class AbstractSensor(ABC):
 
     @abstractmethod
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
-        """Return the noise-free outputs h(x) at the state given by name, with `x_rate`: how fast x changes, where no input matters."""
+        """Return the noise-free outputs h(x) at the state given by name, with `x_rate`, how fast x changes, unless by what is unknown."""
 
     @abstractmethod
     def spread(self, state: Mapping[str, ca.SX]) -> ca.SX:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Airspeed(AbstractOnboard):
     """Pitot tube or paddle wheel: h = |(xdot - wind_x, ydot - wind_y)| [m/s], the speed through air or water.
 
-    The velocity has to be one of the states, and so has the wind where there is one. A vehicle of a constant speed tells nothing by
-    it but the sensor's own scale and bias.
+    The wind has to be a state where there is one. A vehicle whose speed is known or constant tells nothing by it but the sensor's own
+    scale and bias.
     Singular at zero speed.
     """
 

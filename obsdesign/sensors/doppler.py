@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class Doppler(AbstractSingleBeacon):
     """Doppler shift of a beacon's signal, as a speed: h = d/dt |beacon - sensor| = -(beacon - sensor)'v / r [m/s], > 0 when it recedes.
 
-    The velocity v over ground has to be one of the states: a speed that is a state or a constant, no or a constant wind.
+    No unknown input may have a part in the velocity v over ground: no wind or a constant one, a speed that is known, constant or a state.
     What a sonar log measures, the velocity along the axes of the body, is `VelocityLog`.
     Singular at the beacon; says nothing of the state where the vehicle stands still but for its speed.
     """

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class SpeedOverGround(AbstractOnboard):
     """Satellite speed: h = |(xdot, ydot)| [m/s], over ground, wind or current in it.
 
-    The vehicle's velocity has to be one of its states: Dubins with no or a constant wind.
+    No unknown input may have a part in that velocity: no wind or a constant one, a speed that is known, constant or a state.
     Singular where the vehicle stands still over ground.
     """
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class VelocityLog(AbstractOnboard):
     """Doppler velocity log of a vessel: h = R(heading + mounting_angle)' (xdot, ydot) [m/s], forward and to the left, over ground.
 
-    The vehicle's velocity has to be one of its states: a speed that is a state or a constant, no or a constant current.
+    No unknown input may have a part in that velocity: no current or a constant one, a speed that is known, constant or a state.
     Raises InputError for values outside the ranges below.
     """
 
