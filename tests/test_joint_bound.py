@@ -153,3 +153,12 @@ def test_without_a_bound_there_is_a_reason():
     assert "more than the information" in proof.reason
     with pytest.raises(od.InputError, match="kinds of pieces"):
         od.check_joint_bound(PROBLEM, 4, 1, od.JointCertificate())
+
+
+@pytest.mark.slow
+def test_a_schedule_keeps_its_segments_where_a_longer_duration_is_looked_for():
+    # a goal behind the start, as far as there is time for: 36 steps in 12 segments, so that durations come in steps of 6 s
+    goal = np.array([3.0, -2.0]) + 18 * np.array([0.5, -0.3]) - 33 * np.array([np.cos(0.4), np.sin(0.4)])
+    problem = short_mission(weights=np.tile([1.0, 0.0], (12, 1)), constraints=(od.Goal(tuple(goal), tolerance=0.5),))
+    design = od.design_trajectory(problem, starts=1, throw=False)
+    assert "feasible from 30 s" in design.reason  # 26 s without a schedule

@@ -185,14 +185,15 @@ def _longer_duration(problem: DesignProblem, u: np.ndarray, seed: int) -> _Const
     """Say from which duration on a path was found; "" if none was."""
     if all(constraint.span.last is not None for constraint in problem.constraints):
         return _ConstraintRelaxation()
+    unit = problem.step * (1 if problem.weights is None else len(problem.weights))  # a schedule has as many segments then
 
     def with_duration(factor: float) -> DesignProblem:
         """Return the problem with the duration longer by a factor."""
-        return problem.with_duration(max(1, round(factor * problem.longest / problem.step)) * problem.step)
+        return problem.with_duration(max(1, round(factor * problem.longest / unit)) * unit)
 
     soonest = shortest_time(problem)
     first = () if soonest is None or soonest <= problem.longest else ((soonest + problem.step) / problem.longest,)
-    relaxation = _smallest_factor(with_duration, tuple(sorted({*first, *_DURATION_FACTORS})), u, seed, problem.step / problem.longest)
+    relaxation = _smallest_factor(with_duration, tuple(sorted({*first, *_DURATION_FACTORS})), u, seed, unit / problem.longest)
     return (
         _ConstraintRelaxation()
         if relaxation is None
