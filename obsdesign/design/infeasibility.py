@@ -185,7 +185,7 @@ def _longer_duration(problem: DesignProblem, u: np.ndarray, seed: int) -> _Const
     """Say from which duration on a path was found; "" if none was."""
     if all(constraint.span.last is not None for constraint in problem.constraints):
         return _ConstraintRelaxation()
-    unit = problem.step * (1 if problem.weights is None else len(problem.weights))  # a schedule has as many segments then
+    unit = problem.step * (1 if problem.weights is None else len(np.asarray(problem.weights)))  # a schedule has as many segments then
 
     def with_duration(factor: float) -> DesignProblem:
         """Return the problem with the duration longer by a factor."""
