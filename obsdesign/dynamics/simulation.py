@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import all_finite, as_array, require_positive, require_tolerance
 from obsdesign.dynamics.model import AbstractSystem, Model
-from obsdesign.dynamics.per_step import scaled_inputs, system_along
+from obsdesign.dynamics.per_step import PerStepSystem, scaled_inputs
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE, looped_step
 from obsdesign.dynamics.step_comparison import PathBatch
@@ -45,7 +45,7 @@ def simulate(
     t = times_of(lengths, len(u_known))
     make = path_of if lengths.ndim else even_path_of
     path = make(t, np.zeros((len(t), len(start))), u_known, None if w is None else w_unknown, tolerance)
-    along = system_along(system, path, is_sampling_given=True)
+    along = system if path.is_even else PerStepSystem(system)
     u_rows, w_rows = inputs_along(along, path)
     substeps = int(substeps_needed(along, start[None], u_rows, path.pace, w_rows, tolerance)[0])
     states = states_from(along, start[None], u_rows, path.pace, w_rows, substeps=substeps)[0]

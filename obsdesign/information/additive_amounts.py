@@ -8,6 +8,8 @@ import numpy as np
 
 from obsdesign.information.correlated_noise import Colour
 
+_SMALLEST = 1e-300  # where samples at one time stand in different stretches: each amount is next to nothing
+
 
 @dataclass(frozen=True, eq=False)
 class AdditiveFactors:
@@ -24,7 +26,7 @@ class AdditiveFactors:
         return [is_first, self.factor, np.tile(self.bias_factor, (len(self.factor), 1))]
 
 
-def additive_factors(colour: Colour, sampling: np.ndarray, firsts: np.ndarray) -> AdditiveFactors:
+def additive_factors(colour: Colour, sampling: np.ndarray, firsts: np.ndarray, decay: np.ndarray | None = None) -> AdditiveFactors:
     """Return what makes amounts of K stretches, which begin at steps `firsts`, a bound from below for every choice of them.
 
     With R_k the covariance of a stretch's errors alone, R <= diag(c R_k) makes sum A_k' (c R_k)^-1 A_k <= A' R^-1 A, for any part of
@@ -34,6 +36,8 @@ def additive_factors(colour: Colour, sampling: np.ndarray, firsts: np.ndarray) -
       parts of longer ones). Whitened, the last error of a stretch and the first of the d-th one after it have the correlation
       phi^(1 + (d - 1) L), those two of one stretch phi^(L - 1), and all others none, so that what stretches have in common has
       the norm (phi + phi^L) / (1 - phi^L), that of its row sums. L = 1: the well-known (1 + phi) / (1 - phi). Two stretches: 1 + phi.
+      With decays (N, q) from each instant to the next: c = (1 + r) / (1 - s r), r the largest correlation of the last sample of a
+      stretch with the first of the next, s that of the first and the last sample of an inner stretch.
     - constant: 1 1' <= diag(K 1_k 1_k'), as (sum of K numbers)^2 <= K times the sum of their squares.
     - joint noise: c is the largest eigenvalue of R with the parts of its sensors made units, of the sensors with a sample at that
       instant.
@@ -48,7 +52,10 @@ def additive_factors(colour: Colour, sampling: np.ndarray, firsts: np.ndarray) -
         counts = counts[counts > 0]
         bias_factor[outputs] = max(1, len(counts))
         for j in outputs:
-            factor[:, j] = 1 / _time_factor(colour.correlation[j], counts)
+            if decay is None or not colour.correlation[j]:
+                factor[:, j] = 1 / _time_factor(colour.correlation[j], counts)
+            else:
+                factor[:, j] = 1 / _uneven_time_factor(decay[:, j], np.flatnonzero(sampling[:, j]), firsts)
     for members, correlation in colour.groups:
         factor[:, members] /= _joint_factor(np.array(correlation), owner[list(members)], sampling[:, members])[:, None]
     return AdditiveFactors(factor, bias_factor)
@@ -61,6 +68,20 @@ def _time_factor(phi: float, counts: np.ndarray) -> float:
     if len(counts) == 2:
         return 1 + phi
     return (1 + phi) / (1 - phi ** int(counts[1:-1].min()))
+
+
+def _uneven_time_factor(decay: np.ndarray, sampled: np.ndarray, firsts: np.ndarray) -> float:
+    """c for samples at instants, decay (N,) from each instant to the next."""
+    stretch = np.searchsorted(firsts, sampled, side="right")
+    is_first = np.append(True, np.diff(stretch) != 0)
+    begins, ends = sampled[is_first], sampled[np.append(is_first[1:], True)]
+    if len(begins) < 2:
+        return 1.0
+    ages = np.append(0.0, -np.cumsum(np.log(decay)))  # what is left between a and b is exp(ages[a] - ages[b])
+    r = float(np.exp(ages[ends[:-1]] - ages[begins[1:]]).max())
+    if len(begins) == 2:
+        return 1 + r
+    return (1 + r) / max(1 - r * float(np.exp(ages[begins[1:-1]] - ages[ends[1:-1]]).max()), _SMALLEST)
 
 
 def _joint_factor(correlation: np.ndarray, owner: np.ndarray, sampling: np.ndarray) -> np.ndarray:

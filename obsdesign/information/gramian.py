@@ -32,7 +32,7 @@ from obsdesign.information.sample_information import (
     samples_with_colour,
     zero_unsampled,
 )
-from obsdesign.information.whitening import outputs_with_colour
+from obsdesign.information.whitening import decay_between, outputs_with_colour
 from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory
 
@@ -88,7 +88,8 @@ def _gramian_of_log(system: AbstractSystem, path: Trajectory, weighted: bool, lo
     """Phi_k' (sum of F' C' R^-1 C F) Phi_k, F from t_k to each sample before t_k+1."""
     if not weighted:
         raise InputError("weighted is False with samples of a log: an integral over time asks for no samples")
-    arrived, along = recorded_samples(system, path, log), system_along(system, path, is_sampling_given=True)
+    arrived = recorded_samples(system, path, log, has_timed_errors=True)
+    along = system_along(system, path, is_sampling_given=True, has_timed_errors=True)
     Phi = transition_matrices(along, path)
     blocks = Phi[:-1, None].swapaxes(2, 3) @ arrived.local_blocks @ Phi[:-1, None]
     samples = None if colour_of(system.model) is None else _coloured_samples_of_log(arrived)
@@ -103,7 +104,15 @@ def _coloured_samples_of_log(arrived: RecordedSamples) -> CorrelatedSamples:
     values = rows.reshape(len(sampling), colour.q, n), level, gate
     if not all_finite(np.where(sampling[..., None], values[0], 0.0)):
         require_derivatives(system, events.path, events.weights > 0)
-    return samples_at(colour, values, sampling, events.step, arrived.path.steps)
+    decay = _decay_scan(system.model).along(np.empty(0), all_inputs_along(system, events.path))[1]
+    return samples_at(colour, values, sampling, events.step, arrived.path.steps, decay=decay)
+
+
+@lru_cache(CACHE_SIZE)
+def _decay_scan(model: Model) -> Scan:
+    """(u, w) of a step -> what it leaves of the errors of coloured outputs (q,)."""
+    inputs = ca.vertcat(model.u, model.w)
+    return Scan(ca.SX(0, 1), [inputs], ca.SX(0, 1), [ca.densify(decay_between(model, require_coloured(model)))])
 
 
 def _gramian_with_colour(system: AbstractSystem, path: Trajectory) -> Information:

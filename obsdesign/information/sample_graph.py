@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.step import blocks_of
 from obsdesign.information.correlated_noise import colour_of
-from obsdesign.information.whitening import SampleSelection, outputs_with_colour, whiten
+from obsdesign.information.whitening import SampleSelection, decay_between, outputs_with_colour, whiten
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,8 @@ def instant_of(model: Model, Phi: ca.SX, is_masked: bool, is_additive: bool = Fa
     sampling += [ca.SX.sym(name, count) for name, count in (("fresh", 1), ("factor", colour.q), ("spread", colour.q)) if is_additive]
     # by hand: a column of one entry, indexed by a list, would become a row
     due, share = (ca.vertcat(*[column[s] for s in colour.sensor_of_output]) for column in sampling[:2])
-    samples = SampleSelection(due, ca.SX.ones(colour.q) if is_additive else share, *sampling[2:])
+    decay = decay_between(model, colour) if model.is_per_step else None
+    samples = replace(SampleSelection(due, ca.SX.ones(colour.q) if is_additive else share, *sampling[2:]), decay=decay)
     innovations = whiten(colour.without_cross_correlation if is_additive else colour, outputs_with_colour(model, colour, Phi), samples)
     for s, sensor in enumerate(colour.sensor_indices):
         block = sum((innovations.information[j] for j in colour.outputs_of(s)), ca.SX(*blocks[sensor].shape))

@@ -39,12 +39,18 @@ def samples_with_colour(
 
 
 def samples_at(
-    colour: Colour, values: tuple[np.ndarray, np.ndarray, np.ndarray], sampling: np.ndarray, step: np.ndarray, steps: int
+    colour: Colour,
+    values: tuple[np.ndarray, np.ndarray, np.ndarray],
+    sampling: np.ndarray,
+    step: np.ndarray,
+    steps: int,
+    *,
+    decay: np.ndarray | None = None,
 ) -> CorrelatedSamples:
     """Return the samples of coloured outputs at instants in steps, values rows (M, q, n), level and gate (M, q), where there is one."""
     rows, level, gate = values
     level, gate = np.where(sampling, level, 0.0), np.where(sampling, gate, 0.0)
-    return CorrelatedSamples(colour, np.where(sampling[..., None], rows, 0.0), level, gate, sampling, step, steps)
+    return CorrelatedSamples(colour, np.where(sampling[..., None], rows, 0.0), level, gate, sampling, step, steps, decay)
 
 
 def require_finite_blocks(blocks: np.ndarray, system: AbstractSystem, path: Trajectory) -> np.ndarray:

@@ -25,7 +25,8 @@ class ColouredOutputs:
 class SampleSelection:
     """Which samples there are: sampling (q, 1), where the clock of the output's sensor has one; weights (q, 1) in [0, 1], a factor on the
     gate, 0 = off. Where amounts are counted: is_first (1, 1), whether errors before this instant are forgotten; factor (q, 1) on the
-    information of each sample; bias_factor (q, 1) on the variance of its constant.
+    information of each sample; bias_factor (q, 1) on the variance of its constant. decay (q, 1): what is left of z from this instant to
+    the next, whoever has a sample then; None: phi from one instant of the sensor's clock to the next.
     """
 
     sampling: ca.SX
@@ -33,6 +34,7 @@ class SampleSelection:
     is_first: ca.SX | None = None
     factor: ca.SX | None = None
     bias_factor: ca.SX | None = None
+    decay: ca.SX | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,13 @@ def outputs_with_colour(model: Model, colour: Colour, Phi: ca.SX) -> ColouredOut
         level.append(inverse_spread)
         gate.append(ca.SX.ones(len(channel.outputs)) * noise.gate)
     return ColouredOutputs(ca.vertcat(*rows), ca.vertcat(*level), ca.vertcat(*gate))
+
+
+def decay_between(model: Model, colour: Colour) -> ca.SX:
+    """Return what a step leaves of z (q, 1), of the coloured outputs of a model whose time is counted in steps; 1 where none lasts."""
+    noises = [model.channels[s].noise for s in colour.sensor_of_output]
+    rates = [-np.log(noise.correlation) / noise.period if noise.correlation and noise.period else 0.0 for noise in noises]
+    return ca.exp(-ca.DM(rates) * model.u[0])
 
 
 def whiten(colour: Colour, outputs: ColouredOutputs, selection: SampleSelection) -> Innovations:
@@ -136,8 +145,8 @@ def whiten(colour: Colour, outputs: ColouredOutputs, selection: SampleSelection)
 
 def _selection_of(selection: SampleSelection, j: int) -> SampleSelection:
     """What is taken of one output."""
-    factor, spread = (None if factors is None else factors[j] for factors in (selection.factor, selection.bias_factor))
-    return SampleSelection(selection.sampling[j], selection.weights[j], selection.is_first, factor, spread)
+    factor, spread, decay = (None if values is None else values[j] for values in (selection.factor, selection.bias_factor, selection.decay))
+    return SampleSelection(selection.sampling[j], selection.weights[j], selection.is_first, factor, spread, decay)
 
 
 def _subtract_past(
@@ -146,7 +155,8 @@ def _subtract_past(
     """Take out of an output what its samples before tell of z, estimate a'x of variance p, a = 0 and p = 1 before the first.
 
     Innovation i = r - a of variance s = p + M (1 - g) / g, gain K = p / s; a <- phi (a + K i), p <- phi^2 p (1 - K) + 1 - phi^2 at
-    each instant of the sensor's clock. With g = 1 throughout the rows are c_0 and (c_k - phi c_k-1) / (1 - phi^2)^1/2.
+    each instant of the sensor's clock, or with the decay to the next instant in the place of phi at each of all. With g = 1 throughout
+    the rows are c_0 and (c_k - phi c_k-1) / (1 - phi^2)^1/2.
     """
     pattern = row.sparsity()
     entries, p_symbol = ca.SX.sym("a", pattern.nnz()), ca.SX.sym("p")
@@ -155,8 +165,12 @@ def _subtract_past(
         a, p = ca.if_else(selection.is_first, ca.SX(*a.shape), a), ca.if_else(selection.is_first, 1, p)
     variance = g * p + (1 - g) * M  # g s: positive whatever arrives
     gain, innovation = g * p / variance, row - a
-    a_next = ca.if_else(selection.sampling, phi * (a + gain * innovation), a)
-    p_next = ca.if_else(selection.sampling, phi**2 * p * (1 - gain) + (1 - phi) * (1 + phi), p)
+    if selection.decay is None:
+        a_next = ca.if_else(selection.sampling, phi * (a + gain * innovation), a)
+        p_next = ca.if_else(selection.sampling, phi**2 * p * (1 - gain) + (1 - phi) * (1 + phi), p)
+    else:  # without a sample the gain is 0
+        decay = selection.decay
+        a_next, p_next = decay * (a + gain * innovation), decay**2 * p * (1 - gain) + (1 - decay) * (1 + decay)
     carry_builder.append([entries, p_symbol], [_nonzeros(a_next, pattern), p_next], [*[0.0] * pattern.nnz(), 1.0])
     return innovation, g / variance
 

@@ -42,8 +42,8 @@ def sliding_information(system: AbstractSystem, path: Trajectory, window: int, s
     Raises InputError as variational_gramian, and unless 1 <= window <= N.
     """
     require_fit(system, path)
-    recorded = None if samples is None else recorded_samples(system, path, samples)
-    system = system_along(system, path, is_sampling_given=recorded is not None)
+    recorded = None if samples is None else recorded_samples(system, path, samples, has_timed_errors=True)
+    system = system_along(system, path, is_sampling_given=recorded is not None, has_timed_errors=recorded is not None)
     require_count("window", window, minimum=1, maximum=path.steps)
     window = int(window)  # whole numbers of NumPy do not know their bits
     if colour_of(system.model) is not None:
