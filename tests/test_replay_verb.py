@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 
 import jsonschema
 import numpy as np
 import pytest
-from conftest import obsdesign
+from conftest import ROOT, obsdesign
 
 import obsdesign as od
 from obsdesign.errors import ScenarioError
@@ -155,3 +157,19 @@ def test_a_scenario_for_a_log_is_accepted_by_check(tmp_path):
     (tmp_path / "one.toml").write_text(text)
     assert load_scenario_of_log(tmp_path / "one.toml", {}).sensor_names == ("a",)
     assert obsdesign("check", "one.toml", folder=tmp_path).returncode == 0
+
+
+def test_the_documented_way_from_a_log_to_an_answer_runs(tmp_path, monkeypatch):
+    page = (ROOT / "docs/logs.md").read_text()
+    section = page[page.index("## From a log to an answer") :]
+    blocks = {kind: re.findall(rf"```{kind}\n(.*?)```", section, flags=re.DOTALL) for kind in ("toml", "csv", "bash", "python")}
+    (tmp_path / "drive.csv").write_text(re.findall(r"```csv\n(.*?)```", page, flags=re.DOTALL)[0])
+    (tmp_path / "my.toml").write_text(blocks["toml"][0])
+    (tmp_path / "landmarks.csv").write_text(blocks["csv"][0])
+    for line in blocks["bash"][0].splitlines()[1:]:
+        done = obsdesign(*shlex.split(line)[1:], folder=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "report" / "report.html").exists() and (tmp_path / "report" / "replay.json").exists()
+    monkeypatch.chdir(tmp_path)
+    before = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[:1]
+    exec("".join([*before, "psd = (0.01, 0.01, 0.001)\n", *blocks["python"]]), {})  # noqa: S102

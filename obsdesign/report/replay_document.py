@@ -60,6 +60,7 @@ class LogSchedulePart(DocumentPart):
     """Which sensors would have done."""
 
     per_segment: int
+    sensors: list[str]
     boundaries: list[float]
     chosen: list[list[int]]
     value: Number
@@ -125,7 +126,7 @@ def document_of_log(study: LogStudy) -> ReplayDocument:
         ratio=drive.ratio,
         spearman_intervals={name: _interval(correlation) for name, correlation in pairs.items()},
         windows=[_window(sensors, window) for window in drive.windows],
-        schedule=_schedule(study),
+        schedule=schedule_part(study),
         notes=list(study.notes),
     )
 
@@ -165,12 +166,14 @@ def _calibration(calibration: Calibration) -> CalibrationPart:
     )
 
 
-def _schedule(study: LogStudy) -> LogSchedulePart | None:
+def schedule_part(study: LogStudy) -> LogSchedulePart | None:
+    """Return the schedule of a log, None without one."""
     schedule = study.schedule
     if schedule is None:
         return None
     return LogSchedulePart(
         per_segment=study.setup.per_segment,
+        sensors=list(schedule.sensors),
         boundaries=schedule.boundaries.tolist(),
         chosen=schedule.chosen.astype(int).tolist(),
         value=schedule.value,

@@ -44,9 +44,9 @@ def _answer(study: LogStudy) -> str:
     run, about = study.replay, ", ".join(study.replay.question.about)
     bound = with_unit(_bound(study), _unit(study))
     if not np.isfinite(run.rmse):
-        return f"No filter could have known {about} better than to {bound} on average; how well this one did is not told without truth."
+        return f"The best possible filter knows {about} to {bound} on average; how well this one did is not told without truth."
     error = with_unit(run.rmse_second_half if np.isfinite(run.rmse_second_half) else run.rmse, _unit(study))
-    return f"The filter errs by {error} in {about} in the second half of the log; on average no filter could have been below {bound}."
+    return f"The filter errs by {error} in {about} in the second half of the log; the best possible one errs by {bound} on average."
 
 
 def _bound(study: LogStudy) -> float:

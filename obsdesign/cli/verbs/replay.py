@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def replay_log(options: Namespace) -> Outcome:
     """Calibrate on the first part of a log, replay all of it, and write its report."""
-    setup = log_setup(options)
+    setup = log_setup(options.log, options)
     folder = options.out
     if folder is not None:
         require_writable(folder)
@@ -36,12 +36,12 @@ def replay_log(options: Namespace) -> Outcome:
     return Outcome(document.model_dump(mode="json"), (replay_summary(document), *written))
 
 
-def log_setup(options: Namespace) -> LogSetup:
-    """Return the log that is named with what it is replayed with; raise InputError for what cannot be read or meant."""
+def log_setup(file: Path, options: Namespace) -> LogSetup:
+    """Return a log with what it is replayed with; raise InputError for what cannot be read or meant."""
     if options.scenario is None:
         from obsdesign.study.log_setup import file_setup
 
-        return file_setup(options.log)
+        return file_setup(file)
     from obsdesign.scenario.loading import load_scenario_of_log
     from obsdesign.scenario.log_defaults import read_landmarks
 
@@ -50,7 +50,7 @@ def log_setup(options: Namespace) -> LogSetup:
 
     from obsdesign.study.log_setup import scenario_setup
 
-    return scenario_setup(options.log, scenario, options.topics)
+    return scenario_setup(file, scenario, options.topics)
 
 
 LANDMARKS = Argument(

@@ -1,4 +1,4 @@
-"""`obsdesign select`: the sensors along a path that is there."""
+"""`obsdesign select`: the sensors along a path that is there, or of a recorded run."""
 
 from __future__ import annotations
 
@@ -7,11 +7,49 @@ from pathlib import Path
 
 from obsdesign.cli.folders import path_file, require_writable
 from obsdesign.cli.verb import QUIET, SEED, Argument, Outcome, Verb, out_argument
-from obsdesign.errors import ExitCode
+from obsdesign.cli.verbs.replay import LANDMARKS, TOPICS, log_setup
+from obsdesign.errors import ExitCode, InputError
 
 
 def select(options: Namespace) -> Outcome:
-    """Choose the sensors along a path from a file, or along that of an earlier run."""
+    """Choose the sensors along a path from a file, along that of an earlier run, or of those that a log has samples of."""
+    return _select_of_log(options) if _is_log(options.path) else _select_along(options)
+
+
+def _is_log(file: Path) -> bool:
+    """Whether a file is a log: any but a CSV table, and of those all that have no column x, the first state of every path."""
+    if file.is_dir() or not file.exists():
+        return False
+    if file.suffix.lower() != ".csv":
+        return True
+    with file.open(encoding="utf-8", errors="replace") as lines:
+        names = [name.partition("[")[0].strip() for name in lines.readline().split(",")]
+    return "x" not in names
+
+
+def _select_of_log(options: Namespace) -> Outcome:
+    """Choose among the samples that arrived, after a calibration on the first part of the log."""
+    setup = log_setup(options.path, options)
+
+    from obsdesign.report.replay_document import schedule_part
+    from obsdesign.report.replay_folder import write_log_schedule
+    from obsdesign.study.log_study import schedule_study
+
+    if options.out is not None:
+        require_writable(options.out)
+    study = schedule_study(setup, options.seed or 0)
+    part = schedule_part(study)
+    if options.out is not None:
+        write_log_schedule(options.out, study, part)
+    written = () if options.out is None else (f"\nWritten to {options.out}/: schedule.csv, schedule.json",)
+    errors = "".join(f"\n  RMSE with {item.name}: {item.rmse:.3g}" for item in study.schedule_errors)
+    document = {} if part is None else part.model_dump(mode="json")
+    return Outcome(document, (f"{study.schedule}{errors}", *study.notes, *written))
+
+
+def _select_along(options: Namespace) -> Outcome:
+    if options.scenario is None:
+        raise InputError("--scenario is missing: a TOML file with vehicle, sensors, prior, time and selection")
     from obsdesign.scenario.loading import load_scenario_of_path
 
     scenario = load_scenario_of_path(options.scenario)
@@ -34,20 +72,23 @@ def select(options: Namespace) -> Outcome:
 
 VERB = Verb(
     name="select",
-    what="choose the sensors along a path from a file, or along that of an earlier run",
+    what="choose the sensors along a path from a file, along that of an earlier run, or of those of a log",
     action=select,
     example="select path.csv --scenario my.toml",
     arguments=(
-        Argument("path", "CSV file with t, the states and perhaps the inputs, or a folder with a trajectory.csv", Path, completes="files"),
+        Argument(
+            "path", "CSV file with t, the states, perhaps the inputs; a folder with a trajectory.csv; or a log", Path, completes="files"
+        ),
         Argument(
             "--scenario",
-            "TOML file: vehicle, sensors, prior, time, selection; no design",
+            "TOML file: vehicle, sensors, prior, time, selection; no design; for a log as for replay",
             Path,
             completes="files",
-            is_required=True,
             variable="FILE",
         ),
-        out_argument("folder for report.html, result.json, trajectory.csv, schedule.csv (default: none)"),
+        LANDMARKS,
+        TOPICS,
+        out_argument("folder for report.html, result.json, trajectory.csv, schedule.csv; of a log for the schedule (default: none)"),
         SEED,
         QUIET,
     ),

@@ -34,6 +34,7 @@ def picture(study: LogStudy) -> Picture | None:
         _draw_ellipses(axes, study, places, factor)
         _draw_landmarks(axes, study)
         axes.set(xlabel="x [m]", ylabel="y [m]")
+        axes.margins(0.08)
         axes.set_aspect("equal", adjustable="datalim")
 
     sizes = f" {plain(factor)} times as large" if factor > 1 else ""
@@ -83,7 +84,7 @@ def _draw_ellipses(axes: Axes, study: LogStudy, places: list[int], factor: int) 
 def _draw_landmarks(axes: Axes, study: LogStudy) -> None:
     growths = {name: growth_of(study, s) for s, name in enumerate(study.replay.run.sensors)}
     for name, (x, y) in study.setup.landmarks.items():
-        size = 5 + 60 * min(growths.get(name, 0.0), 0.5)
+        size = 5 + 30 * min(growths.get(name, 0.0), 0.5)
         axes.plot(x, y, linestyle="none", marker="^", markersize=size, color=VERMILLION, markeredgecolor=INK, alpha=0.85, zorder=5)
         if len(study.setup.landmarks) <= 16:
             look = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": FAINT, "linewidth": 0.4, "alpha": 0.8}

@@ -12,9 +12,9 @@ def section(study: LogStudy) -> Section:
     """Return the answer to "Could it be seen?"."""
     drive = study.replay
     hidden, count = len(drive.hidden_windows), len(drive.windows)
-    seen = "the samples of every window see all of the state" if not hidden else f"{hidden} of {count} windows do not see all of the state"
+    seen = "The samples of every window see all of the state" if not hidden else f"{hidden} of {count} windows do not see all of the state"
     rejected = drive.rejections / max(len(drive.question.log.samples.t), 1)
-    answer = f"Of {count} windows: {seen}. The gate rejected {percent(rejected)} of the samples."
+    answer = f"{seen}. The gate rejected {percent(rejected)} of the samples."
     pictures = tuple(picture for picture in (drive_map.picture(study), error_band.picture(study)) if picture is not None)
     words: dict[str, list[float]] = {}
     for window in drive.hidden_windows:
