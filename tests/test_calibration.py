@@ -93,6 +93,7 @@ def test_intervals_hold_what_made_the_log(has_truth: bool):
         held += [fit.number(name).low <= value <= fit.number(name).high for name, value in TRUE.items()]
         assert {fit.number(name).source for name in TRUE} == {"truth" if has_truth else "innovations"}
         assert fit.number("scale of c").value == pytest.approx(1.05, abs=0.01)
+        assert (fit.number("input_psd of speed").unit, fit.number("disturbance_psd of x and y").unit) == ("(m/s)^2 s", "m^2/s")
     assert sum(held) >= 38
 
 

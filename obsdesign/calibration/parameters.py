@@ -189,11 +189,16 @@ def motion_parameters(model: Model, sizes: np.ndarray, prior_std: np.ndarray, du
         yield Parameter(Quantity.INPUT_BIAS, signal.name, (i,), 0.0, reference, signal.unit)
         if size > 0:
             yield Parameter(Quantity.INPUT_SCALE, signal.name, (i,), 1.0, _SCALE_SPREAD)
-        yield Parameter(Quantity.INPUT_PSD, signal.name, (i,), (0.1 * reference) ** 2, _PSD_SPREAD, f"({signal.unit})^2 s")
+        yield Parameter(Quantity.INPUT_PSD, signal.name, (i,), (0.1 * reference) ** 2, _PSD_SPREAD, f"{_square(signal.unit)} s")
     for places in driven_states(model):
         names = " and ".join(model.state_names[i] for i in places)
         start = float((0.1 * prior_std[list(places)]) ** 2 @ np.ones(len(places))) / len(places) / duration
-        yield Parameter(Quantity.STATE_PSD, names, places, start, _PSD_SPREAD, f"({model.states[places[0]].unit})^2 / s")
+        yield Parameter(Quantity.STATE_PSD, names, places, start, _PSD_SPREAD, f"{_square(model.states[places[0]].unit)}/s")
+
+
+def _square(unit: str) -> str:
+    """Return the square of a unit: m^2, (m/s)^2, 1."""
+    return f"({unit})^2" if "/" in unit or " " in unit else f"{unit}^2" if unit else "1"
 
 
 def driven_states(model: Model) -> tuple[tuple[int, ...], ...]:
