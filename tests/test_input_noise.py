@@ -176,6 +176,15 @@ def test_runs_of_a_filter_err_as_the_bound_says():
     assert od.validate(SYSTEM, driven, prior=prior, runs=100, seed=1, **psds).consistent
 
 
+def test_a_flight_errs_by_it_and_its_filter_knows():
+    cart, prior = Cart(unknown=()), od.Prior([0.0, 1.0], std=(1.0, 1.0))
+    problem = od.DesignProblem(cart.system, (0.0, 1.0), 1.0, 0.2, od.PiecewiseConstant(1), {"u": (-1.0, 1.0)})
+    psds = ({"disturbance_psd": cart.Q}, {"input_psd": {"u": 0.3}})
+    flights = [od.fly(problem, prior, every=0.6, duration=1.2, seed=1, **psd) for psd in psds]  # pyright: ignore
+    np.testing.assert_allclose(flights[0].std, flights[1].std, rtol=1e-9)
+    assert abs(flights[1].truth - od.fly(problem, prior, every=0.6, duration=1.2, seed=1).truth).max() > 0.01
+
+
 def test_long_numbers_and_doubles_agree(monkeypatch: pytest.MonkeyPatch):
     psds = {"disturbance_psd": od.PerSpeed((1e-3, 0.0, 0.0)), "input_psd": BOTH}
     short, active = UNEVEN.part(0, 8), np.ones((8, 2), dtype=bool)

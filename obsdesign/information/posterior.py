@@ -60,7 +60,8 @@ def posterior_information(
         disturbance_psd: power spectral density (n,) or (n, n) of the process noise [unit^2/s], Q = psd * step; None = none. Or a
             PerSpeed of it.
         unknown_inputs: names of the inputs of which nothing is known.
-        active (N, S): bool, which sensors are on; None = all.
+        active (N, S): bool, which sensors are on; None = all. A sample of one that is on counts with its gate's and its detection's share,
+            as nobody knows yet whether it arrives: what did arrive is said by `samples`.
         input_psd: name of a known input -> power spectral density of its white noise [unit^2 s], or a PerSpeed of it: Q is then
             B psd step B' more, B the derivative of the step to the integral of that input. None = none.
         samples: a log, whose samples count that arrived, each at its own time; at t_k those up to then. With active, those of sensors
