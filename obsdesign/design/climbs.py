@@ -20,7 +20,7 @@ from obsdesign.progress import StageReport
 
 _LOGGER = getLogger(__name__)
 _MAX_SKIPPED = 20  # starts without a value that are left out; after so many the others are tried all the same
-_FIRST = 3  # with a floor: climbs that must not all end without an answer
+_FIRST = 3  # climbs before the others, which may be abandoned below them; with a floor they must not all end without an answer
 # coarse optima are the same where values are, or where values are near and parameters within this share of the box
 _SAME_VALUE, _NEAR_VALUE, _SAME_PLACE = 1e-4, 1e-2, 0.05
 _NEAR_BEST, _MAX_REFINED = 0.75, 3  # coarse optima that are refined: those above this share of the best, so many at most
@@ -43,23 +43,30 @@ def climb(
 ) -> Climbs:
     """Climb from names and inputs (N, m) in the coarsest family, from the best few that differ on through the finer ones.
 
-    target: an objective that is there; climbs that creep below it are stopped, coarse ones that creep where none is refined.
+    target: an objective that is there; climbs that creep below it are stopped, coarse ones that creep where none is refined. The first
+    three, and the first that is refined, set it for the others.
     """
     apply = map if executor is None else executor.map
     families = families_of(problem.path)
-    coarse_target = target if len(families) == 1 else near_best(target)
-    tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, target=coarse_target) for name, u in starts]
-    report(f"{problem.duration:g} s: {len(tasks)} local solves{' of a coarse family' if len(families) > 1 else ''}")
-    first = len(tasks) if problem.floor is None else _FIRST
-    coarse = list(apply(solve_locally, tasks[:first]))
-    if any(solution.status.has_answer for solution in coarse):
-        coarse += apply(solve_locally, tasks[first:])
+    report(f"{problem.duration:g} s: {len(starts)} local solves{' of a coarse family' if len(families) > 1 else ''}")
+    coarse: list[LocalSolution] = []
+    for batch in (starts[:_FIRST], starts[_FIRST:]):
+        if coarse and problem.floor is not None and not any(solution.status.has_answer for solution in coarse):
+            break
+        best = _best_objective(coarse, target)
+        coarse_target = best if len(families) == 1 else near_best(best)
+        tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, target=coarse_target) for name, u in batch]
+        coarse += apply(solve_locally, tasks)
     for solution in coarse:
         _LOGGER.debug("%s: %s, objective %g, %d iterations", solution.name, solution.status.value, solution.objective, solution.iterations)
     if len(families) == 1:
         return Climbs(tuple(coarse), tuple(coarse))
     report(f"{problem.duration:g} s: the best of them refined")
     return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, target))
+
+
+def _best_objective(solutions: Sequence[LocalSolution], target: float) -> float:
+    return max([target, *(solution.objective for solution in solutions if solution.status.has_answer)])
 
 
 def near_best(best: float) -> float:
@@ -75,7 +82,7 @@ def _refine(
     lower, upper = families[0].box(problem.grid)
     selected, refined = _best_distinct(coarse, target, upper - lower), []
     for batch in (selected[:1], selected[1:]):
-        target = max([target, *(solution.objective for solution in refined if solution.status.has_answer)])
+        target = _best_objective(refined, target)
         tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in batch]
         refined += [
             replace(solution, iterations=solution.iterations + coarse_solution.iterations)

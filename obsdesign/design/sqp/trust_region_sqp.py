@@ -25,6 +25,7 @@ TOLERANCE = 1e-8  # reduction that a model must predict, in units of the merit
 _MAX_RADIUS, _MIN_RADIUS = 1.0, 1e-9  # of the trust region, in widths of the box
 _STATIONARITY_TOLERANCE, _VIOLATION_TOLERANCE = 1e-6, 1e-6
 _PACE, _AHEAD = 8, 5.0  # iterations over which the pace of a climb is taken, and how many times as many it is granted at that pace
+_NEARLY_FEASIBLE = 0.02  # violation up to which an objective says how a climb goes: before, it is given up for the limits
 _MAX_VIOLATION = 1e-4  # that counts as none, of a solve that need not be exact
 _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
 
@@ -107,7 +108,8 @@ def solve(
                 continue
             status = _final_status(merit_function, outcome, stopping.tolerance)
             break
-        objectives.append(iterate.objective_value - iterate.evaluation.price)
+        if iterate.violation <= _NEARLY_FEASIBLE:
+            objectives.append(iterate.objective_value - iterate.evaluation.price)
         if _is_hopeless(objectives, stopping.target):
             status = Status.ABANDONED
             break
