@@ -14,7 +14,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import AbstractSystem, Channel, JointNoise, Model, Noise, columns
 from obsdesign.errors import InputError
-from obsdesign.sensors._corrections import correction_states, corrections_of
+from obsdesign.sensors._corrections import corrections_of, system_states
 from obsdesign.sensors._group import SensorGroup, distinct_names, sensor_groups
 from obsdesign.sensors._joint import as_joint_noise
 from obsdesign.sensors.abstract import AbstractSensor
@@ -77,7 +77,8 @@ class System(AbstractSystem):
     @property
     def states(self) -> tuple[Signal, ...]:
         """The n states, without the symbolic model: those of the vehicle, then scales and biases of sensors."""
-        return system_states(self.vehicle, self.sensors)
+        vehicle = self.vehicle
+        return system_states(vehicle.states, (*vehicle.inputs, *vehicle.disturbances), self.sensors)
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
@@ -121,14 +122,6 @@ class System(AbstractSystem):
             joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]
         )
         return model if self.suite is None else model.only(self.suite)
-
-
-def system_states(vehicle: AbstractVehicle, sensors: Sequence[AbstractSensor]) -> tuple[Signal, ...]:
-    """Return the states of a vehicle with its sensors; raise InputError for scales and biases whose names are taken."""
-    taken = {signal.name: "a state" for signal in vehicle.states}
-    taken |= {signal.name: "an input" for signal in (*vehicle.inputs, *vehicle.disturbances)}
-    taken |= {signal.name: "an output" for group in sensor_groups(sensors) for signal in group.outputs}
-    return (*vehicle.states, *correction_states(sensors, taken))
 
 
 def _fields(vehicle: AbstractVehicle, x: ca.SX) -> Fields:

@@ -20,6 +20,7 @@ from obsdesign.families import leaf
 from obsdesign.noise_density import PerSpeed
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.scenario.kind_tables import family_of, flat_table, in_degrees_too
+from obsdesign.sensors._corrections import system_states
 from obsdesign.sensors._group import distinct_names
 
 if TYPE_CHECKING:
@@ -356,9 +357,7 @@ class Scenario(_ScenarioTable):
     @property
     def states(self) -> tuple[Signal, ...]:
         """The n states: those of the vehicle, then scales and biases of sensors."""
-        from obsdesign.dynamics.system import system_states
-
-        return system_states(self.vehicle, self.sensors)
+        return system_states(self.vehicle.states, (*self.vehicle.inputs, *self.vehicle.disturbances), self.sensors)
 
     @property
     def sensor_names(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from obsdesign.errors import InputError
+from obsdesign.sensors._group import sensor_groups
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.signals import Signal
 
@@ -50,3 +51,10 @@ def correction_states(sensors: Sequence[AbstractSensor], taken: Mapping[str, str
                 units = f"{states[state.name].unit!r} and {state.unit!r}"
                 raise InputError(f"{sensor.name}: the state {state.name!r} is shared by outputs of the units {units}: must be one")
     return tuple(states.values())
+
+
+def system_states(states: tuple[Signal, ...], inputs: tuple[Signal, ...], sensors: Sequence[AbstractSensor]) -> tuple[Signal, ...]:
+    """Return a vehicle's states, then scales and biases of sensors; raise InputError for those whose names are taken."""
+    taken = {signal.name: "a state" for signal in states} | {signal.name: "an input" for signal in inputs}
+    taken |= {signal.name: "an output" for group in sensor_groups(sensors) for signal in group.outputs}
+    return (*states, *correction_states(sensors, taken))
