@@ -13,6 +13,7 @@ from gram_vectors import gram_vectors, shortfalls
 import obsdesign as od
 from benchmarks.missions import mission, plateau
 from obsdesign.design.path_bound.arcs import arcs_of
+from obsdesign.design.path_bound.gram_constraints import largest_chord_turn
 from obsdesign.design.path_bound.motion import motion_of
 from obsdesign.design.path_bound.proof import path_bound_of
 from obsdesign.design.path_bound.relaxation import relaxation_of
@@ -150,6 +151,17 @@ def test_bounds_of_arcs_hold_for_arcs_of_every_turn():
             exact = np.array([np.sin(angle) + np.sin(d), np.cos(d) - np.cos(angle)]) / (2 * d)  # the integral of the heading
             first, second = np.array(arcs.places).T
             assert (np.hypot(exact[0] - first * chord, exact[1] + second * sagitta) <= arcs.errors).all()
+
+
+@pytest.mark.parametrize(("first", "second"), [(0.1, 0.1), (0.3, 0.05), (1.0, 0.4), (1.5, 1.5), (0.7, 0.0)])
+def test_neighbouring_chords_differ_by_no_more_than_the_largest_turn_lets_them(first, second):
+    # chords of unit arcs that meet at the heading 0: of half turns d before and e after, sin d / d times a direction
+    d, e = np.meshgrid(np.linspace(-first, first, 201), np.linspace(-second, second, 201))
+    difference = np.abs(np.sinc(d / np.pi) * np.exp(-1j * d) - np.sinc(e / np.pi) * np.exp(1j * e))
+    limit = np.sqrt(largest_chord_turn(first + second, 0.0))
+    assert difference.max() <= limit
+    if first == second <= 1.0:
+        assert difference.max() == pytest.approx(limit, rel=1e-9)  # where both turn as fast as they may
 
 
 # ---------------------------------------------------------------- how near it is

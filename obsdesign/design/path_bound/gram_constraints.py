@@ -98,7 +98,7 @@ def _add_start(rows: _Rows, K: int, arc: Arcs, motion: AllowedMotion) -> None:
     if motion.slowest == 1.0:
         limit = (arc.heading_error + 1e-15) ** 2
         rows.add({rows.column({2: arc.along, 2 + K: -arc.across * arc.sagitta, **axes}): 1.0}, limit * _ROOM)
-        rows.add({rows.column({2: 1.0, **axes}): 1.0}, _mean_turn(arc.half_turn, arc.shift))
+        rows.add({rows.column({2: 1.0, **axes}): 1.0}, largest_chord_turn(arc.half_turn, arc.shift))
     else:
         limit = _widest(np.array([1.0 + arc.shift, motion.slowest * arc.shortest]), np.ones(1), arc.half_turn)
         rows.add({rows.column({2: 1.0, **axes}): 1.0}, limit)
@@ -115,15 +115,15 @@ def _add_corner(rows: _Rows, j: int, K: int, first: Arcs, second: Arcs, slowest:
             3 + K + j: second.across * second.sagitta,
         }
         rows.add({rows.column(entries): 1.0}, limit * _ROOM)
-        turn = _mean_turn(first.half_turn + second.half_turn, first.shift + second.shift)
+        turn = largest_chord_turn(first.half_turn + second.half_turn, first.shift + second.shift)
         rows.add({rows.column({2 + j: 1.0, 3 + j: -1.0}): 1.0}, turn)
         return
     ranges = [np.array([1.0 + arc.shift, slowest * arc.shortest]) for arc in (first, second)]
     rows.add({rows.column({2 + j: 1.0, 3 + j: -1.0}): 1.0}, _widest(ranges[0], ranges[1], first.half_turn + second.half_turn))
 
 
-def _mean_turn(angle: float, shift: float) -> float:
-    """The largest square of the difference of two chords that meet where the heading is the same, of half turns d and d', d + d' <= angle.
+def largest_chord_turn(angle: float, shift: float) -> float:
+    """Return the largest square of the difference of two chords of half turns d and d', d + d' <= angle, that meet with one heading.
 
     With the heading measured from where they meet it is the mean over t in [0, 1] of e(2 d' t) - e(-2 d t), of length
     2 |sin (d + d') t|, so at most 2 (1 - cos s) / s, s = |d + d'|, which grows up to s = 2.331. A heading for a chord: d = 0.
