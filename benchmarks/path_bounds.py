@@ -174,6 +174,13 @@ def beacons() -> list[str]:
         "The 40-piece mission without its obstacle, 5 m from the beacon at least.",
         "",
         table(("sensors", f"value, {STARTS} starts", "bound", "gap"), rows),
+        "",
+        "A beacon's samples are counted as positions of both axes: r r' <= I for a range, (e / d, -1)(e / d, -1)' for a bearing",
+        "at the least distance that the way from the start and to the goal leaves. What stands in the way of more: what a range",
+        "says of the heading is (r'J z)^2, r the line of sight: of fourth order in the path, while the Gram matrix has its second",
+        "order alone. Directions of sight that are known up to a sector (by branching on where the path is at some times) are of",
+        "second order, but tie the two axes, which the form keeps apart: M (x) I would have to become a matrix of both. Neither",
+        "was built; dynamic programs bound a mixture of paths, which here is what no path changes.",
     ]
 
 

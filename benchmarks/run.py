@@ -11,6 +11,7 @@ NAMES = (
     "information",
     "design",
     "path_bounds",
+    "joint_bounds",
     "selection",
     "filter_schedules",
     "filters",
