@@ -74,3 +74,21 @@ def test_every_price_bounds(prices: float) -> None:
     best = _costs(small, schedules[schedules.sum(axis=(1, 2)) <= limits[0]], "mean").min()
     assert dual(np.array([prices])) <= best * (1 + 1e-9)
     assert dual(best_prices(problem, layers)) >= dual(np.array([prices])) - 1e-3 * abs(best)
+
+
+@pytest.mark.parametrize("psd", [1e-4, 1.0])
+def test_one_use_goes_where_it_is_worth_the_most(psd: float) -> None:
+    """A float that drifts may look once at its position: the best of all 60 times for it is known by trying all of them."""
+    system, scale = od.System(od.Dubins(1.0, wind="constant"), (od.GPS(2.0), od.Magnetometer(0.2))), np.array([5.0, 5.0, 0.1, 0.3, 0.3])
+    turns = np.repeat(np.random.default_rng(0).uniform(-0.1, 0.1, 60), 5)[:, None]
+    path = od.simulate(system, [0.0, 0.0, 0.0, 0.2, 0.1], turns, 1.0)
+    prior, noise = od.Prior([0.0, 0.0, 0.0, 0.2, 0.1], std=scale), [psd, psd, 1e-4, 1e-4, 1e-4]
+    tried = []
+    for k in range(60):
+        on = np.repeat(np.arange(60) == k, 5)
+        J = od.posterior_information(system, path, prior, noise, active=np.column_stack([on, ~on]))[:-1]
+        tried.append(np.trace(np.linalg.inv(scale[:, None] * J * scale), axis1=1, axis2=2).mean())
+    once = od.MaxUses("gps", 1)
+    schedule = od.select_for_filter(system, path, prior, segment=5.0, disturbance_psd=noise, scale=scale, rules=[once], gap=0.99)
+    assert schedule.chosen[:, 0].sum() <= 1
+    assert schedule.value <= min(tried) * (1 + 1e-9)

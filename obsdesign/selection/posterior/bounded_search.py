@@ -12,6 +12,7 @@ from obsdesign.selection.posterior.aggregation import Relaxation, refine, relaxa
 from obsdesign.selection.posterior.blocks import BlockLengths, bound_by_blocks
 from obsdesign.selection.posterior.cost_slopes import cost_slopes
 from obsdesign.selection.posterior.deepening import MAX_ENTRIES, Proof, WorkLimits, better_walk, build_chain, prove, windows_of
+from obsdesign.selection.posterior.exchanges import exchange
 from obsdesign.selection.posterior.problem import PosteriorProblem, Walk
 from obsdesign.selection.posterior.resource_prices import best_prices
 from obsdesign.selection.posterior.trellis import follow_trellis, trellis_width
@@ -60,6 +61,8 @@ def search(
     walk = _first_of(problem, starts, share)
     if walk is None:
         return Answer(None, np.inf, "no schedule keeps the limits")
+    if len(problem.options.limits):
+        walk = exchange(problem, walk)
     try:
         answer = _search_from(problem, walk, gap, is_relative, least_costs, share)
     except np.linalg.LinAlgError:  # covariances that overflow, or have lost all digits
