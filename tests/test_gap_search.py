@@ -93,12 +93,12 @@ def test_a_gap_that_can_be_closed_is_closed_whoever_climbs():
     assert design.starts == again.starts
 
 
-def test_a_gap_that_stays_open_ends_at_the_limit_of_work_with_no_less_than_the_usual_starts():
+def test_a_gap_that_stays_open_ends_at_the_limit_of_work_with_the_best_of_its_starts():
     design = od.design_trajectory(NEAR, starts=1, gap=0.0)
     assert design.search.limit == len(design.starts) == 8
     assert "limit of work" in design.search.in_words(design)
     assert design.status is od.Status.GAP_OPEN
-    assert design.value >= od.design_trajectory(NEAR, starts=4).value * (1 - 1e-6)
+    assert design.value == max(start.value for start in design.starts if start.status.has_answer)
     assert all(start.value <= design.bound for start in design.starts if start.status.has_answer)
 
 
@@ -110,6 +110,7 @@ def test_without_a_bound_it_is_the_usual_design_and_says_so():
     assert "without a bound" in design.search.in_words(design)
 
 
+@pytest.mark.slow
 def test_of_a_free_duration_the_best_one_is_searched():
     free = short_mission(duration=(17.5, 18.0))
     design = od.design_trajectory(free, starts=1, gap=0.0)

@@ -58,8 +58,8 @@ def best_of_all(problem: od.DesignProblem, segments: int, per_segment: int, path
 )
 def test_no_path_with_any_schedule_is_above_the_bound(problem, segments, per_segment):
     loose = replace(problem, constraints=())  # of paths that miss the goal the bound without it is asked
-    best = best_of_all(loose, segments, per_segment, 50, 1)
-    bound = joint_bound_of(loose, segments, per_segment, best, gap=0.0, nodes=9)
+    best = best_of_all(loose, segments, per_segment, 25, 1)
+    bound = joint_bound_of(loose, segments, per_segment, best, gap=0.0, nodes=5)
     assert best <= bound.bound < np.inf
     assert od.check_joint_bound(loose, segments, per_segment, bound.certificate) == bound.bound
     root = joint_bound_of(loose, segments, per_segment).bound
