@@ -137,6 +137,30 @@ def test_a_range_and_a_bearing_of_one_group_are_a_range_bearing():
     np.testing.assert_allclose(told[0], told[1], rtol=1e-12, atol=1e-12)
 
 
+def test_constant_errors_of_a_group_are_each_of_its_own_unit():
+    """As two sensors of their own: independent errors, each its own constant, in the Gramian, the posterior and the filter."""
+    parts = (od.Range(PLACE, 0.5, bias_floor=0.7), od.Bearing(PLACE, 0.05, bias_floor=0.02), od.GPS(2.0))
+    joined = od.System(od.Unicycle(), (*(dataclasses.replace(part, group="tree") for part in parts[:2]), parts[2]))
+    apart = od.System(od.Unicycle(), parts)
+    path = od.simulate(apart, [0.0, 0.0, 0.5], U, 0.25)
+    W = [od.variational_gramian(system, path).total for system in (joined, apart)]
+    np.testing.assert_allclose(W[0], W[1], rtol=1e-9)
+    prior = od.Prior([1.0, -1.0, 0.4], std=(2.0, 2.0, 0.2))
+    J = [od.posterior_information(system, path, prior, PSD[:3]) for system in (joined, apart)]
+    np.testing.assert_allclose(J[0], J[1], rtol=1e-8)
+    y = readings(apart, path.x[None, :-1]).y[0]
+    estimates = [od.estimate_states(system, prior, U, y, 0.25, disturbance_psd=PSD[:3]) for system in (joined, apart)]
+    np.testing.assert_allclose(estimates[0].covariance, estimates[1].covariance, rtol=1e-8, atol=1e-12)
+    assert joined.model.output_bias == (0.7, 0.02, 0.0, 0.0)
+    x = ca.SX.sym("x", 3)
+    east, north = PLACE[0] - x[0], PLACE[1] - x[1]
+    outputs = {"tree": ca.vertcat((east**2 + north**2) ** 0.5, ca.atan2(north, east) - x[2]), "gps": x[:2]}
+    noises = {"tree": od.OutputNoise((0.5, 0.05), bias_floor=(0.7, 0.02)), "gps": od.OutputNoise(2.0)}
+    known = {"speed": ca.vertcat(ca.cos(x[2]), ca.sin(x[2]), 0), "turn_rate": ca.SX([0, 0, 1])}
+    own = od.ControlAffineSystem(x, ("x", "y", "heading"), None, known, {}, outputs, angles=("heading", "tree_2"), noises=noises)
+    np.testing.assert_allclose(od.variational_gramian(own, path).total, W[1], rtol=1e-9)
+
+
 def test_two_sensors_of_one_kind_in_a_group_are_told_apart_and_their_limits_count_each():
     """A pair of antennas ahead and astern on one thing: it comes where both see it."""
     pair = tuple(od.Range(PLACE, 0.5, max_range=45.0, lever_arm=(ahead, 0.0), group="post") for ahead in (2.0, -2.0))

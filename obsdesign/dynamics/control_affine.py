@@ -148,6 +148,8 @@ class ControlAffineSystem(AbstractSystem):
         for name, noise in self.noises.items():
             if name in self.sigmas:
                 raise InputError(f"noises: {name!r} is in sigmas, too: one of the two says how well it is measured")
+            if isinstance(noise.bias_floor, tuple) and len(noise.bias_floor) != (q := self.outputs[name].numel()):
+                raise InputError(f"noises: bias_floor of {name!r} has {len(noise.bias_floor)} entries: the output has {q}")
             for what, expression in (("sigma", noise.noise.spread), ("gate", noise.noise.gate)):
                 shapes = ((1, 1), (self.outputs[name].numel(), 1)) if what == "sigma" else ((1, 1),)
                 shape = expression.shape if expression.shape in shapes else shapes[-1]

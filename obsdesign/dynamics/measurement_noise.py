@@ -48,7 +48,7 @@ def measurement_noise(
             samples = is_sampled[:, column]
             previous = None if before is None else float(before[column])
             varying[samples, column] = _correlate(varying[samples, column], noise.correlation, previous)
-    return MeasurementNoise(varying, np.array([noise.bias for noise in channels]) * white_constant)
+    return MeasurementNoise(varying, np.array(model.output_bias) * white_constant)
 
 
 def _correlate(white: np.ndarray, correlation: float, previous: float | None) -> np.ndarray:

@@ -23,15 +23,15 @@ class Noise:
 
     spread: SX (1, 1) of the state, the standard deviation of one sample of each output, or (q, 1) where outputs differ;
     correlation phi in [0, 1): z_0 ~ N(0, 1), z_k = phi z_k-1 + (1 - phi^2)^1/2 white_k from one sample of the sensor to the next,
-    for each output its own; bias: standard deviation of the constant error, for each output its own; inflation: factor on spread
-    of whoever estimates; gate: SX (1, 1), the share of samples that arrive, detection that of those with nothing in the way;
+    for each output its own; bias: standard deviation of the constant error, for each output its own, one number or q; inflation: factor on
+    spread of whoever estimates; gate: SX (1, 1), the share of samples that arrive, detection that of those with nothing in the way;
     period: over how long correlation is [s], where time is counted in steps: phi is correlation^(dt / period) over dt there.
     """
 
     spread: ca.SX
     gate: ca.SX
     inflation: float = 1.0
-    bias: float = 0.0
+    bias: float | tuple[float, ...] = 0.0
     correlation: float = 0.0
     detection: float = 1.0
     period: float | None = None
@@ -39,7 +39,7 @@ class Noise:
     @property
     def is_white(self) -> bool:
         """Whether the errors of different samples have nothing to do with each other."""
-        return not (self.correlation or self.bias)
+        return not (self.correlation or any(self.biases(1)))
 
     @property
     def stationary_variance(self) -> ca.SX:
@@ -49,7 +49,14 @@ class Noise:
     @property
     def variance(self) -> ca.SX:
         """R = inflation^2 spread^2 + bias^2 of one sample alone."""
-        return self.inflation**2 * self.spread**2 + self.bias**2
+        import casadi as ca
+
+        bias = ca.DM(list(self.bias)) if isinstance(self.bias, tuple) else self.bias
+        return self.inflation**2 * self.spread**2 + bias**2
+
+    def biases(self, q: int) -> tuple[float, ...]:
+        """Return the standard deviation of the constant error of each of q outputs."""
+        return self.bias if isinstance(self.bias, tuple) else (self.bias,) * q
 
 
 @dataclass(frozen=True)
@@ -135,6 +142,11 @@ class Model:
     def output_owner(self) -> tuple[int, ...]:
         """For each output the index of its sensor."""
         return tuple(i for i, channel in enumerate(self.channels) for _ in channel.outputs)
+
+    @property
+    def output_bias(self) -> tuple[float, ...]:
+        """For each output the standard deviation of its constant error."""
+        return tuple(bias for channel in self.channels for bias in channel.noise.biases(len(channel.outputs)))
 
     @property
     def h(self) -> ca.SX:

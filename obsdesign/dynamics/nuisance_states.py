@@ -82,9 +82,9 @@ def nuisance_of(model: Model, step: float) -> NuisanceStates:
     R = model.correlation_root @ model.correlation_root.T
     is_uncorrelated = (R != 0).sum(axis=1) == 1
     coloured = tuple(i for i, noise in enumerate(noises) if noise.correlation or not is_uncorrelated[i])
-    constant = tuple(i for i, noise in enumerate(noises) if noise.bias)
+    constant = tuple(i for i, bias in enumerate(model.output_bias) if bias)
     periods = steps_per_sample(model, step) if coloured else ()
     spans = [noises[i].period or periods[model.output_owner[i]] for i in coloured]
     with np.errstate(divide="ignore"):
         rate = -np.log(np.array([noises[i].correlation for i in coloured])) / np.array(spans)
-    return NuisanceStates(coloured, constant, rate, R[np.ix_(coloured, coloured)], np.array([noises[i].bias for i in constant]))
+    return NuisanceStates(coloured, constant, rate, R[np.ix_(coloured, coloured)], np.array([model.output_bias[i] for i in constant]))

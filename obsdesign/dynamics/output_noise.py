@@ -35,8 +35,8 @@ class OutputNoise:
     """Samples per second [Hz]; None = one every step."""
     inflation: float = 1.0
     """What filters and information multiply the spread by, for what the model leaves out; > 0."""
-    bias_floor: float = 0.0
-    """Standard deviation of a constant error of each entry, in its unit; >= 0."""
+    bias_floor: float | tuple[float, ...] = 0.0
+    """Standard deviation of a constant error of each entry, in its unit, or one for each entry (q,); >= 0."""
     correlation: float = 0.0
     """Correlation of the noise of successive samples, in [0, 1)."""
     detection: float = 1.0
@@ -47,7 +47,10 @@ class OutputNoise:
     def __post_init__(self) -> None:
         for sigma in self.sigmas or ():
             require_positive("sigma", sigma)
-        require_sampling("", self.rate, self.inflation, self.bias_floor, self.correlation, self.detection)
+        if isinstance(self.bias_floor, list):
+            object.__setattr__(self, "bias_floor", tuple(self.bias_floor))
+        for bias_floor in self.bias_floor if isinstance(self.bias_floor, tuple) else (self.bias_floor,):
+            require_sampling("", self.rate, self.inflation, bias_floor, self.correlation, self.detection)
         object.__setattr__(self, "landmarks", tuple(as_pair("landmarks", point) for point in self.landmarks))
 
     @property

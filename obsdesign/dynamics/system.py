@@ -151,7 +151,7 @@ def _channels(system: System, x: ca.SX, rates: Mapping[str, ca.SX]) -> Iterator[
             spread,
             first.detection * gate if first.detection < 1 else gate,
             first.inflation,
-            first.bias_floor,
+            group.bias_floor,
             first.correlation,
             first.detection,
         )

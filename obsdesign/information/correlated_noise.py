@@ -97,9 +97,8 @@ def colour_of(model: Model) -> Colour | None:
         R = np.array(group.covariance)
         groups.append((members, tuple(map(tuple, (R / np.sqrt(np.outer(np.diag(R), np.diag(R)))).tolist()))))
     noises = [channels[i].noise for i in owner]
-    return Colour(
-        names, sensor_indices, owner, tuple(noise.correlation for noise in noises), tuple(noise.bias for noise in noises), tuple(groups)
-    )
+    bias = tuple(bias for channel in channels for bias in channel.noise.biases(len(channel.outputs)))
+    return Colour(names, sensor_indices, owner, tuple(noise.correlation for noise in noises), bias, tuple(groups))
 
 
 def require_coloured(model: Model) -> Colour:

@@ -86,7 +86,7 @@ def sample_row(model: Model, nuisance: NuisanceStates, output: int) -> tuple[ca.
     for index, bias in nuisance.loads(output):
         loads[index] = bias
     row = ca.horzcat(loads, ca.jacobian(model.h[output], model.x)) / spread
-    return row, 1 + (channel.noise.bias / spread) ** 2, channel.noise.gate
+    return row, 1 + (model.output_bias[output] / spread) ** 2, channel.noise.gate
 
 
 def output_spread(model: Model, output: int) -> ca.SX:

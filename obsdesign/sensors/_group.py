@@ -10,7 +10,7 @@ from obsdesign.errors import InputError
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.signals import Point, Signal
 
-_SHARED = ("rate", "inflation", "bias_floor", "correlation", "detection")  # what belongs to the whole group
+_SHARED = ("rate", "inflation", "correlation", "detection")  # what belongs to the whole group
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,13 @@ class SensorGroup:
     def correlation(self) -> float:
         """Correlation of the noise of successive samples."""
         return self.sensors[0].correlation
+
+    @property
+    def bias_floor(self) -> float | tuple[float, ...]:
+        """Standard deviation of the constant error of each output, one number where all have the same."""
+        if len({sensor.bias_floor for sensor in self.sensors}) == 1:
+            return self.sensors[0].bias_floor
+        return tuple(sensor.bias_floor for sensor in self.sensors for _ in sensor.outputs)
 
     @property
     def landmarks(self) -> tuple[Point, ...]:
