@@ -60,21 +60,31 @@ def _words(
 
 
 def _verdicts(system: AbstractSystem, arrived: np.ndarray) -> dict[tuple[bool, ...], str]:
-    """Return what sets of sensors (K, S) hide, whatever the motion, largest sets first: more sensors see no less."""
-    sets = sorted({tuple(map(bool, row)) for row in arrived if row.any()}, key=lambda on: -sum(on))
+    """Return what sets of sensors (K, S) hide, whatever the motion; sets that hide nothing are left out.
+
+    More sensors see no less: a set is asked about where it holds none that sees all, and a few of its sensors before all of them.
+    """
     results: dict[tuple[bool, ...], str] = {}
-    complete: list[np.ndarray] = []
-    asked = 0
-    for on in reversed(sets):  # the smallest ones tell most
-        if any((~seen | np.array(on)).all() for seen in complete) or asked >= _MAX_VERDICTS:
-            continue
-        asked += 1
-        try:
-            verdict = observability(ArrivedSensors(system, tuple(np.array(system.model.sensor_names)[list(on)])))
-        except ObsdesignError:
-            continue
-        if verdict.observable:
-            complete.append(np.array(on))
-        elif verdict.decided:
-            results[on] = verdict.hidden
+    complete: list[frozenset[str]] = []
+    names, asked = np.array(system.model.sensor_names), 0
+    for on in sorted({tuple(map(bool, row)) for row in arrived if row.any()}, key=sum):
+        sensors = tuple(names[list(on)])
+        for part in dict.fromkeys((sensors[:2], sensors[:4], sensors)):
+            if any(seen <= set(sensors) for seen in complete) or asked >= _MAX_VERDICTS:
+                break
+            asked += 1
+            hidden = _hidden_from(system, part)
+            if hidden == "":
+                complete.append(frozenset(part))
+            elif part == sensors and hidden is not None:
+                results[on] = hidden
     return results
+
+
+def _hidden_from(system: AbstractSystem, sensors: tuple[str, ...]) -> str | None:
+    """Return what some sensors hide, "" for nothing, None where that is not decided."""
+    try:
+        verdict = observability(ArrivedSensors(system, sensors))
+    except ObsdesignError:
+        return None
+    return "" if verdict.observable else verdict.hidden if verdict.decided else None

@@ -17,10 +17,10 @@ from obsdesign.log_replay.replay_result import Replay
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.study.log_setup import LogSetup
 
-_RANDOM_SCHEDULES = 12
+_RANDOM_SCHEDULES, _FEW = 12, 4  # of a long log few: a filter runs with each
 _MOST_RESTARTED_STEPS = 3_000_000  # filters times events: half a minute
-_TIME_LIMIT_EVENTS = 60_000  # of a log beyond which the proof of a schedule is looked for a limited time
-_TIME_LIMIT = 10.0  # s
+_LONG = 60_000  # events of a log beyond which the proof of a schedule is looked for a limited time
+_TIME_LIMIT = 5.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def log_schedule(setup: LogSetup, drive: Replay, seed: int) -> FilterSchedule | 
     """Return the schedule of a log, None where there is nothing to choose."""
     if not setup.settings.schedule or len(drive.run.sensors) <= setup.per_segment or drive.t[-1] - drive.t[0] < setup.segment:
         return None
-    limit = _TIME_LIMIT if len(drive.t) > _TIME_LIMIT_EVENTS else None
+    limit = _TIME_LIMIT if len(drive.t) > _LONG else None
     return drive.schedule(setup.per_segment, setup.segment, seed=seed, time_limit=limit, gap=1e-2)
 
 
@@ -117,8 +117,8 @@ def _schedule_errors(drive: Replay, schedule: FilterSchedule, per_segment: int, 
     turns = (np.arange(segments)[:, None] * per_segment + np.arange(per_segment)) % sensors
     robin = np.zeros_like(schedule.chosen)
     np.put_along_axis(robin, turns, True, axis=1)
-    random = np.random.default_rng(seed)
-    draws = [np.argsort(random.random((segments, sensors)), axis=1) < per_segment for _ in range(_RANDOM_SCHEDULES)]
+    random, count = np.random.default_rng(seed), _FEW if len(drive.t) > _LONG else _RANDOM_SCHEDULES
+    draws = [np.argsort(random.random((segments, sensors)), axis=1) < per_segment for _ in range(count)]
     of_random = [_error_with(drive, schedule, draw) for draw in draws]
     return (
         ScheduleError("all on", drive.rmse),

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from obsdesign.report.figures._drawing import Picture, inline_svg
-from obsdesign.report.figures.schedule_raster import draw_rasters
 from obsdesign.report.number_format import numeral, percent
-from obsdesign.report.replay_figures import schedule_bars
+from obsdesign.report.replay_figures import chosen_raster, schedule_bars
 from obsdesign.report.section import Section
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.study.log_study import LogStudy
@@ -19,9 +17,6 @@ def section(study: LogStudy, schedule: FilterSchedule) -> Section:
     cost = f" The filter errs by {numeral(errors['chosen'])} with {count} of {sensors} at a time, by {with_all} with all." if errors else ""
     what = "what a filter knows along the way, of the samples that arrived"
     answer = f"The schedule is within {percent(schedule.gap)} of the best: {what}.{cost}"
-    title = f"{count} on at a time"
-    times = schedule.boundaries - study.replay.t[0]
-    figure = draw_rasters([(title, schedule.chosen)], schedule.sensors, times)
-    raster = Picture(inline_svg(figure, "chosen", "Which sensor is on when"), "Blue is on. Samples that did not arrive are not counted on.")
+    raster = chosen_raster.picture(schedule, float(study.replay.t[0]))
     bars = schedule_bars.picture(study)
     return Section("schedule", "Which sensors would have done?", answer, (raster,) if bars is None else (bars, raster), (), schedule.notes)
