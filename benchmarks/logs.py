@@ -17,15 +17,16 @@ from pathlib import Path
 from time import process_time
 
 import numpy as np
-from scipy.stats import rankdata
 
 import obsdesign as od
 from benchmarks.recorded_runs import FOLDER
 from benchmarks.tables import machine, table, write
-from obsdesign.dynamics.per_step import PerStepSystem
-from obsdesign.dynamics.process_noise import noise_of
-from obsdesign.estimation.filter_bank import Belief, FilterBank
-from obsdesign.logs.events import events_of
+from obsdesign.report.replay_document import document_of_log
+from obsdesign.report.replay_folder import write_replay
+from obsdesign.scenario.loading import load_scenario_of_log
+from obsdesign.scenario.log_defaults import read_landmarks
+from obsdesign.study.log_setup import LogSetup, file_setup, scenario_setup
+from obsdesign.study.log_study import study_log
 from obsdesign.study.recorded_tags import TagRanges, Trolley
 
 WINDOW, RESTARTS = 10.0, 32  # s, filters per window
@@ -57,7 +58,18 @@ def main() -> None:
         return
     path = Path(folder)
     drives = [_plaza(path, 1), _plaza(path, 2), _labyrinth(path), _trolley(path)]
-    text = ["# Recorded runs at their own times", "", __doc__ or "", machine(), "", _filters(drives), "", _rankings(drives[:2])]
+    text = [
+        "# Recorded runs at their own times",
+        "",
+        __doc__ or "",
+        machine(),
+        "",
+        _filters(drives),
+        "",
+        _rankings(drives[:2]),
+        "",
+        _answers(path),
+    ]
     write("logs", "\n".join(text))
 
 
@@ -87,67 +99,65 @@ def _rankings(drives: list[Drive]) -> str:
     rows = []
     for drive in drives:
         for std in WINDOW_STDS:
-            actual, *predicted = _windows(drive, std)
-            correlations = [_rank_correlation(actual, values) for values in predicted]
-            rows.append([drive.name, f"{std[0]:g} m, {std[2]:g} rad", len(actual), *correlations, _factor(actual, predicted[0])])
-    header = ["run", "prior", "windows", "posterior", "Gramian and prior", "plain Gramian", "actual over predicted (median)"]
+            fit, prior = drive.fit, od.Prior(drive.prior.mean, std)
+            psds = {"disturbance_psd": fit.disturbance_psd, "input_psd": fit.input_psd}
+            run = od.replay(fit.system, drive.log, prior, along="truth", restarts=RESTARTS, window=WINDOW, **psds)
+            best, *others = run.rank_correlation, run.rank_correlation_own, run.rank_correlation_plain
+            interval = f"{best.low:.2f} to {best.high:.2f}"
+            start = f"{std[0]:g} m, {std[2]:g} rad"
+            values = [best.windows, best.value, interval, *(rank.value for rank in others), run.ratio]
+            rows.append([drive.name, start, *values])
+    header = ["run", "prior", "windows", "posterior", "its 95 %", "filter's own", "plain Gramian", "actual over predicted (median)"]
     intro = (
         "Rank correlation (Spearman) of predicted with actual position errors over windows of"
-        f" {WINDOW:g} s with samples, the filter restarted in each from {RESTARTS} draws of a prior about the truth."
+        f" {WINDOW:g} s with samples, the filter restarted in each from {RESTARTS} draws of a prior about the truth: `od.replay`."
     )
     return f"{intro}\n\n{table(header, rows)}"
 
 
-def _windows(drive: Drive, std: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return for each window the actual error, and what the posterior, the Gramian with the prior, and the Gramian alone predict [m]."""
-    first, last = drive.log.truth.t[[0, -1]]
-    results = []
-    for begin in np.arange(first, last - WINDOW, WINDOW):
-        part = drive.log.stretch(begin, begin + WINDOW) if _has_samples(drive.log, begin) else None
-        if part is not None:
-            results.append(_window(drive, part, begin, std))
-    return tuple(np.array(column) for column in zip(*results, strict=True))
+def _answers(folder: Path) -> str:
+    """What `obsdesign replay` makes of each file, page included; only the small robot needs a scenario."""
+    rows = []
+    with tempfile.TemporaryDirectory() as temporary:
+        setups = [lambda name=name: file_setup(folder / name) for name in ("plaza1.npz", "plaza2.npz", "lias_uwb_planar_fast.npz")]
+        for setup in (*setups, lambda: _labyrinth_setup(folder, Path(temporary))):
+            began = process_time()
+            study = study_log(setup(), 0)
+            write_replay(Path(temporary) / "out", study, document_of_log(study))
+            run, errors = study.replay, {each.name: each.rmse for each in study.schedule_errors}
+            values = (
+                run.rmse_second_half,
+                run.rmse,
+                run.rank_correlation.value,
+                run.rank_correlation_own.value,
+                run.rank_correlation_plain.value,
+            )
+            counts = run.rejections, f"{len(run.hidden_windows)} of {len(run.windows)}"
+            names = ("all on", "chosen", "round robin", "random, median", "random, best")
+            rows.append([study.setup.title, *values, *counts, *(errors[name] for name in names), process_time() - began])
+    header = [
+        *("run", "RMSE, second half [m]", "RMSE [m]", "Spearman: posterior", "filter's own", "plain Gramian", "rejected", "not all seen"),
+        *("all on [m]", "chosen [m]", "round robin [m]", "random [m]", "best random [m]", "CPU [s]"),
+    ]
+    intro = (
+        "`obsdesign replay FILE --out DIR`: calibrated on the first half, windows restarted, one sensor at a time for 10 s in the"
+        " schedules, page written."
+    )
+    return f"{intro}\n\n{table(header, rows)}"
 
 
-def _has_samples(log: od.Log, begin: float) -> bool:
-    return bool(((log.samples.t >= begin) & (log.samples.t < begin + WINDOW)).any())
-
-
-def _window(drive: Drive, part: od.Log, begin: float, std: tuple[float, ...]) -> tuple[float, float, float, float]:
-    inner = part.inputs.t[part.inputs.t > begin + 1e-3]
-    times = np.concatenate([[begin], inner])
-    path = od.Trajectory(times, drive.log.truth.at(times, ("heading",)), drive.log.inputs.over(times))
-    prior = od.Prior(path.x[0], std=std)
-    fit = drive.fit
-    J = od.posterior_information(fit.system, path, prior, fit.disturbance_psd, samples=part, input_psd=fit.input_psd)
-    predicted = float(np.sqrt(np.mean([np.trace(np.linalg.inv(matrix)[:2, :2]) for matrix in J])))
-    W = od.variational_gramian(fit.system, path, samples=part)
-    with_prior = float(np.sqrt(np.trace(np.linalg.inv(prior.information + W.total)[:2, :2])))
-    return _actual(drive, part, prior), predicted, with_prior, float(np.hypot(*W.std[:2]))
-
-
-def _actual(drive: Drive, part: od.Log, prior: od.Prior) -> float:
-    """Return the root mean square position error of filters that begin at draws of the prior."""
-    system = drive.fit.system
-    events = events_of(system, part)
-    random = np.random.default_rng(0)
-    starts = prior.mean + random.standard_normal((RESTARTS, 3)) * prior.std
-    noise = noise_of(system.model, drive.fit.disturbance_psd, drive.fit.input_psd, 1.0)
-    bank = FilterBank(PerStepSystem(system, has_arrived=True), 1.0, noise)
-    initial = Belief(starts, np.tile(prior.covariance, (RESTARTS, 1, 1)))
-    active = events.arrived[:, list(system.model.output_owner)]
-    y = np.repeat(events.y[:, None], RESTARTS, axis=1)
-    belief = bank.run(initial, events.rows, y, active)
-    truth = drive.log.truth.at(events.t)[:, None, :2]
-    return float(np.sqrt(np.nanmean(np.sum((belief.mean[..., :2] - truth) ** 2, axis=2))))
-
-
-def _rank_correlation(first: np.ndarray, second: np.ndarray) -> float:
-    return float(np.corrcoef(rankdata(first), rankdata(second))[0, 1])
-
-
-def _factor(actual: np.ndarray, predicted: np.ndarray) -> float:
-    return float(np.median(actual / predicted))
+def _labyrinth_setup(folder: Path, temporary: Path) -> LogSetup:
+    """The scenario that a user would write for the small robot."""
+    file = folder / "uwb_labyrinth.csv"
+    places = _anchors(file)
+    (temporary / "topics.toml").write_text(_topics(places))
+    (temporary / "landmarks.csv").write_text("name,x,y\n" + "".join(f"{name},{x},{y}\n" for name, (x, y) in places.items()))
+    (temporary / "robot.toml").write_text(
+        'title = "Labyrinth"\n[vehicle]\nkind = "unicycle"\n[[sensors]]\nkind = "range"\nsigma = 1.0\n'
+        '[prior]\nx = 0.3\ny = 0.3\nheading = 2.0\n[replay]\ntopics = "topics.toml"\nwindow = 5.0\n[time]\nsegment = 5.0\n'
+    )
+    scenario = load_scenario_of_log(temporary / "robot.toml", read_landmarks(temporary / "landmarks.csv"))
+    return scenario_setup(file, scenario, None)
 
 
 def _plaza(folder: Path, number: int) -> Drive:
@@ -168,11 +178,13 @@ def _ranging(places: dict[str, tuple[float, float]]) -> od.System:
     return od.System(od.Unicycle(), tuple(od.Range(place, 1.0, name=name) for name, place in places.items()))
 
 
-def _labyrinth(folder: Path) -> Drive:
-    """A small robot of two wheels that ranges to four anchors; by a map of its table's columns."""
-    file = folder / "uwb_labyrinth.csv"
+def _anchors(file: Path) -> dict[str, tuple[float, float]]:
     with file.open() as lines:
-        places = {f"anchor_{row['anchor_id']}": (float(row["anchor_x_m"]), float(row["anchor_y_m"])) for row in csv.DictReader(lines)}
+        return {f"anchor_{row['anchor_id']}": (float(row["anchor_x_m"]), float(row["anchor_y_m"])) for row in csv.DictReader(lines)}
+
+
+def _topics(places: dict[str, tuple[float, float]]) -> str:
+    """The map of the table's columns."""
     wheels = 'topic = "table", fields = ["v_right_mps", "v_left_mps"]'
     rows = [
         f"[inputs]\nspeed = {{ {wheels}, weights = [0.5, 0.5] }}",
@@ -180,9 +192,16 @@ def _labyrinth(folder: Path) -> Drive:
         *(f'{name} = {{ topic = "table", field = "range_m", where = {{ anchor_id = {name[7:]} }} }}' for name in places),
         '[truth]\nx = { topic = "table", field = "x_true_m" }\ny = { topic = "table", field = "y_true_m" }',
     ]
+    return "\n".join(rows)
+
+
+def _labyrinth(folder: Path) -> Drive:
+    """A small robot of two wheels that ranges to four anchors; by a map of its table's columns."""
+    file = folder / "uwb_labyrinth.csv"
+    places = _anchors(file)
     with tempfile.TemporaryDirectory() as temporary:
         topics = Path(temporary) / "topics.toml"
-        topics.write_text("\n".join(rows))
+        topics.write_text(_topics(places))
         began = process_time()
         log = od.read_log(file, _ranging(places), topics)
         seconds = process_time() - began

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import obsdesign as od
-from benchmarks.trolley import TagRanges, Trolley
 from obsdesign.estimation.filter_bank import Belief, FilterBank
+from obsdesign.study.recorded_tags import TagRanges, Trolley
 
 FOLDER = "OBSDESIGN_LOGS"
 RANGE_SCALE = 1.0695  # the radios of Plaza read so much long
