@@ -34,8 +34,8 @@ def small_scenario() -> str:
 
 def obsdesign(*arguments: str | Path, folder: Path, timeout: float = 300) -> subprocess.CompletedProcess[str]:
     """Run the command line in a folder."""
-    old_names = "ignore::DeprecationWarning:matplotlib._fontconfig_pattern"  # of pyparsing, which the oldest matplotlib calls by them
-    command = [sys.executable, "-W", "error", "-W", old_names, "-m", "obsdesign", *map(str, arguments)]
+    unless = [f"-W{rule}" for rule in os.environ.get("PYTHONWARNINGS", "").split(",") if rule]  # of the oldest packages
+    command = [sys.executable, "-W", "error", *unless, "-m", "obsdesign", *map(str, arguments)]
     environment = os.environ | {"COLUMNS": "200"}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout, check=False)
 

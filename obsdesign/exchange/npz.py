@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -43,8 +44,9 @@ class NumpyArchive(AbstractFormat):
             arrays["heading"] = track.heading
         if track.origin is not None:
             arrays["geodetic"] = geodetic(track, "npz")
-        with target.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+        archive = io.BytesIO()  # NumPy 2.0 leaves an archive open that it cannot write to the end
+        np.savez(archive, **arrays)  # pyright: ignore[reportArgumentType]  # no array is called allow_pickle
+        target.write_bytes(archive.getvalue())
 
     def parse(self, file: Path) -> Track:
         """Return the track; archives that would unpack to more than MAX_BYTES, or hold pickles, are refused."""
