@@ -10,6 +10,7 @@ NAMES = (
     "random_systems",
     "information",
     "design",
+    "design_speed",
     "path_bounds",
     "joint_bounds",
     "selection",
