@@ -30,7 +30,7 @@ test-min test-max: test-%:
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check --requirement .venv-$*/declared.txt pytest pytest-xdist hypothesis jsonschema rosbags
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check --no-deps .
 	.venv-$*/bin/python -m pip list --disable-pip-version-check
-	PYTHONPATH=$(CURDIR) PYTHONWARNINGS=ignore::DeprecationWarning .venv-$*/bin/python -m pytest -W ignore::DeprecationWarning $(ACROSS_VERSIONS:%=tests/test_%.py)
+	PYTHONPATH=$(CURDIR) TOLERATED_WARNINGS=ignore::DeprecationWarning .venv-$*/bin/python -m pytest -W ignore::DeprecationWarning $(ACROSS_VERSIONS:%=tests/test_%.py)
 
 bench: $(BENCH_READY)
 	$(BIN)/python -m benchmarks.run

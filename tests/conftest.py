@@ -34,7 +34,7 @@ def small_scenario() -> str:
 
 def obsdesign(*arguments: str | Path, folder: Path, timeout: float = 300) -> subprocess.CompletedProcess[str]:
     """Run the command line in a folder."""
-    unless = [f"-W{rule}" for rule in os.environ.get("PYTHONWARNINGS", "").split(",") if rule]  # of the oldest packages
+    unless = [f"-W{rule}" for rule in os.environ.get("TOLERATED_WARNINGS", "").split(",") if rule]  # of the oldest packages
     command = [sys.executable, "-W", "error", *unless, "-m", "obsdesign", *map(str, arguments)]
     environment = os.environ | {"COLUMNS": "200"}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout, check=False)
