@@ -13,6 +13,7 @@ from test_filter_question import SHORT, words_of
 from test_select_verb import FLOAT, schedules
 
 import obsdesign as od
+from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.report.to_document import document_of
 from obsdesign.study.record import Study, schedule_at_steps
 
@@ -115,12 +116,23 @@ def test_what_is_impossible_is_said_and_the_schedule_for_the_filter_is_used(impo
     assert (part["value"], part["requirements"][0]["size"], part["requirements"][0]["failures"]) == (None, None, None)
 
 
-def test_select_asks_the_same_of_a_path_from_a_file(study, tmp_path):
-    from obsdesign.exchange.trajectory_csv import trajectory_csv
+def select_verb(study: Study, at_most: float, folder: Path):
+    """What `obsdesign select` makes of the float's path in a file."""
+    scenario_file(folder, at_most)
+    (folder / "path.csv").write_text(trajectory_csv(study.scenario.system, study.main.path))
+    return obsdesign("select", "path.csv", "--scenario", "float.toml", "--json", folder=folder)
 
-    scenario_file(tmp_path, 5.0)
-    (tmp_path / "path.csv").write_text(trajectory_csv(study.scenario.system, study.main.path))
-    done = obsdesign("select", "path.csv", "--scenario", "float.toml", "--json", folder=tmp_path)
+
+def test_what_is_impossible_ends_with_exit_code_1(study, impossible, tmp_path):
+    done = select_verb(study, 0.5, tmp_path)
+    assert done.returncode == 1
+    assert f"no schedule keeps what is required: {impossible.selection.cheapest.schedule.notes[0]}" in done.stderr
+    assert json.loads(done.stdout)["selection"]["cheapest"]["status"] == "INFEASIBLE"
+
+
+def test_select_asks_the_same_of_a_path_from_a_file(study, tmp_path):
+    done = select_verb(study, 5.0, tmp_path)
+    assert done.returncode == 0
     found, ours = json.loads(done.stdout)["selection"]["cheapest"], study.selection.cheapest.schedule
     assert (found["value"], found["bound"]) == (ours.value, ours.bound)
 

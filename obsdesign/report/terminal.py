@@ -65,6 +65,16 @@ def _cheapest_answer(part: CheapestPart) -> str:
     return f"{_number(part.value)}, none costs less than {_number(_value(part.bound))}{gap}"
 
 
+def unkept_requirements(result: Result) -> tuple[str, ...]:
+    """Return a line for each path on which it is proven that no schedule keeps what is required, where that is what is asked."""
+    several = len(result.selections) > 1
+    return tuple(
+        f"{f'{name}: ' if several else ''}no schedule keeps what is required: {part.cheapest.notes[0]}"
+        for name, part in result.selections.items()
+        if part.question == "cheapest" and part.cheapest is not None and part.cheapest.status == Status.INFEASIBLE.name
+    )
+
+
 def _requirements(path: str, part: CheapestPart, title: str) -> Table:
     of = f" {path}," if path else ""
     rows = [

@@ -32,7 +32,7 @@ def run_scenario(options: Namespace) -> Outcome:
     settings = _export_settings(options, scenario)
 
     from obsdesign.report.folder import write_report
-    from obsdesign.report.terminal import summary_of
+    from obsdesign.report.terminal import summary_of, unkept_requirements
     from obsdesign.study.runner import run
 
     with process_pool(options.jobs) as executor, progress_teller(options.quiet) as progress:
@@ -42,7 +42,7 @@ def run_scenario(options: Namespace) -> Outcome:
     result = write_report(folder, study)
     lines = tuple(line for done in exports for line in export_lines(done))
     shown = (summary_of(result), f"\nWritten to {folder}/: open report.html", *lines)
-    missed = _missed_expectations(result)
+    missed = (*unkept_requirements(result), *_missed_expectations(result))
     return Outcome(result.model_dump(mode="json"), shown, missed, ExitCode.NO if missed else ExitCode.DONE)
 
 

@@ -58,7 +58,7 @@ def _select_along(options: Namespace) -> Outcome:
 
     from obsdesign.exchange.trajectory_csv import read_trajectory_csv
     from obsdesign.report.folder import write_report
-    from obsdesign.report.terminal import schedule_of
+    from obsdesign.report.terminal import schedule_of, unkept_requirements
     from obsdesign.report.to_document import document_of
     from obsdesign.study.runner import select_along
 
@@ -67,7 +67,8 @@ def _select_along(options: Namespace) -> Outcome:
     study = select_along(scenario.model_copy(update={"expected": ()}), given.path, options.seed, given.notes)
     result = document_of(study) if options.out is None else write_report(options.out, study)
     written = () if options.out is None else (f"\nWritten to {options.out}/: open report.html",)
-    return Outcome(result.model_dump(mode="json"), (schedule_of(result), *given.notes, *written))
+    shown, unkept = (schedule_of(result), *given.notes, *written), unkept_requirements(result)
+    return Outcome(result.model_dump(mode="json"), shown, unkept, ExitCode.NO if unkept else ExitCode.DONE)
 
 
 VERB = Verb(
