@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import obsdesign as od
+from obsdesign.calibration import from_log
 from obsdesign.calibration.likelihood import FilterRows, LogLikelihood
 from obsdesign.calibration.parameters import Parameter, Quantity, Values, driven_states, sensor_parameters
 from obsdesign.calibration.truth_residuals import correlation_of
@@ -141,6 +142,32 @@ def test_sensors_with_few_samples_are_one_where_they_are_of_one_kind():
     run = drive(2, seconds=50.0, bias=0.0, scale=1.0)
     fit = od.calibrate(stated(), run.log, run.prior)
     assert fit.number("sigma of a, b, c").value == pytest.approx(0.3, rel=0.4)
+
+
+def test_of_a_long_log_the_beginning_is_listened_to(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(from_log, "_MOST_UPDATES", 15 * 3 * 120)
+    run = drive(6)
+    fit = od.calibrate(stated(), without_truth(run.log), run.prior)
+    assert any(note.startswith("innovations are those of the first") for note in fit.notes)
+    assert fit.number("sigma of a").low <= 0.2 <= fit.number("sigma of a").high
+
+
+def test_inputs_that_are_read_often_are_averaged_and_keep_their_integrals():
+    t = np.arange(2000) * 0.01
+    inputs = od.LogInputs(("speed", "turn_rate"), t, np.column_stack([np.sin(t), np.cos(3 * t)]))
+    log = od.Log(inputs, od.LogSamples(tuple(BEACONS), np.array([1.0, 7.3]), np.array([0, 1]), np.array([3.0, 4.0])))
+    coarse = from_log._with_coarse_inputs(log, 0.2)
+    assert coarse.inputs is not None and len(coarse.inputs.t) <= 101
+    nodes = np.append(coarse.inputs.t[:90:7], coarse.inputs.t[95])
+    np.testing.assert_allclose(coarse.inputs.integrals(nodes), inputs.integrals(nodes), rtol=1e-9, atol=1e-12)
+
+
+def test_landmarks_that_are_many_are_one():
+    system = od.System(od.Unicycle(), tuple(od.Range((5.0 * i, 40.0), 0.5, name=f"tree_{i}") for i in range(9)))
+    counts = {f"tree_{i}": 500 for i in range(9)}
+    spreads = {name: np.array([0.5]) for name in counts}
+    names = [p.name for p in sensor_parameters(system.model, spreads, dict.fromkeys(counts, False), counts)]
+    assert names == [f"{what} of tree_0 and 8 of its kind" for what in ("bias", "scale", "sigma")]
 
 
 def test_what_the_data_do_not_tell_is_said():

@@ -20,11 +20,14 @@ from obsdesign.dynamics.simulation import readings
 from obsdesign.estimation.filter_run import require_prior
 from obsdesign.estimation.log_run import sample_weights
 from obsdesign.logs.events import events_of
+from obsdesign.logs.inputs import LogInputs
 from obsdesign.logs.log import Log
 from obsdesign.prior import Prior
 
 _TRUTH_SPACING = 10.0  # s: over less, errors of inputs that last look smaller than they are
 _LEAST_TRUTHS = 8  # stretches of truth; innovations tell of shorter logs
+_TRUTH_STEP, _SAMPLE_STEP = 0.2, 0.1  # s, over which inputs that are read more often are averaged, between truths and between samples
+_MOST_UPDATES = 2.5e6  # outputs that all runs of a likelihood take in together; of a longer log its beginning
 _NO_NOISE = 1e-5  # of the psd that is looked for at first: less has no sensor that measures an input
 _TRUTH_SIGMA = 0.1  # of the prior's standard deviations: how well truth is known, to begin with
 
@@ -35,6 +38,7 @@ class _Source:
 
     told: tuple[Told, ...]
     source: str
+    note: str = ""
 
 
 @validate_arguments
@@ -43,8 +47,8 @@ def calibrate(system: AbstractSystem, log: Log, prior: Prior) -> Calibration:
 
     Where the truth tells the states that a sensor reads, a line through its residuals and their median absolute deviation; the correlation
     of successive residuals becomes its inflation. Inputs and process noise: by maximum likelihood of the true states ten seconds apart
-    given those before. What truth does not tell, and in logs below 80 s: by maximum likelihood of the innovations of an EKF. Biases
-    and scales are taken where their 95 % interval does not hold none.
+    given those before. What truth does not tell, and in logs below 80 s: by maximum likelihood of the innovations of an EKF, of a very
+    long log those of its beginning. Biases and scales are taken where their 95 % interval does not hold none.
 
     Arguments:
         system: vehicle and sensors; sigmas as far as they are known, to begin with.
@@ -64,14 +68,8 @@ def calibrate(system: AbstractSystem, log: Log, prior: Prior) -> Calibration:
         _Source(told_by_residuals(system, log, of_sensors), "truth"),
         _Source(_told_by_truth(system, log, prior, of_motion), "truth"),
     ]
-    recording = FilterRows(events.rows, events.y, sample_weights(system, events))
-    return _calibration(
-        system,
-        (*of_sensors, *of_motion),
-        (*by_truth, _told_by_innovations(system, recording, prior, (*of_sensors, *of_motion), by_truth)),
-        log,
-        prior,
-    )
+    parameters = (*of_sensors, *of_motion)
+    return _calibration(system, parameters, (*by_truth, _told_by_innovations(system, log, prior, parameters, by_truth)), log, prior)
 
 
 def _without_inflation(system: AbstractSystem, log: Log) -> AbstractSystem:
@@ -114,12 +112,20 @@ def _told_by_truth(system: AbstractSystem, log: Log, prior: Prior, parameters: t
 def _told_by_samples_of_truth(system: AbstractSystem, truth: Log, prior: Prior, parameters: tuple[Parameter, ...]) -> tuple[Told, ...]:
     names = tuple(name.removeprefix("truth of ") for name in truth.samples.names)
     stated = tuple(_TRUTH_SIGMA * float(prior.std[system.model.state_names.index(name)]) for name in names)
-    watched = TruthSensors(system, names, stated)
+    watched, truth = TruthSensors(system, names, stated), _with_coarse_inputs(truth, _TRUTH_STEP)
     sigmas = tuple(Parameter(Quantity.SIGMA, f"the truth of {name}", (j,), 1.0, 2.3) for j, name in enumerate(names))
     events = events_of(watched, truth)
     recording = FilterRows(events.rows, events.y, sample_weights(watched, events))
     told, *_ = _fit(LogLikelihood(watched, recording, prior, (*parameters, *sigmas), Values((), np.zeros(0))))
     return tuple(fact for fact in told if fact.is_told and fact.parameter in parameters)
+
+
+def _with_coarse_inputs(log: Log, step: float) -> Log:
+    """Return the log with the means of inputs over steps of that length [s], where they were read more than twice as often."""
+    if log.inputs is None or len(log.inputs.t) < 2 or np.median(np.diff(log.inputs.t)) > step / 2:
+        return log
+    times = np.arange(log.inputs.t[0], log.inputs.t[-1] + step, step)
+    return Log(LogInputs(log.inputs.names, times[:-1], log.inputs.over(times)), log.samples, log.truth)
 
 
 def _copies(model: Model, told: tuple[Told, ...]) -> set[str]:
@@ -140,16 +146,20 @@ def _without(truth: Log, names: set[str]) -> Log | None:
 
 
 def _told_by_innovations(
-    system: AbstractSystem, recording: FilterRows, prior: Prior, parameters: tuple[Parameter, ...], earlier: list[_Source]
+    system: AbstractSystem, log: Log, prior: Prior, parameters: tuple[Parameter, ...], earlier: list[_Source]
 ) -> _Source:
-    """Return what is told of the parameters that nothing has told of yet."""
+    """Return what is told of the parameters that nothing has told of yet; of a long log its beginning is listened to."""
     facts = [fact for source in earlier for fact in source.told]
     free = tuple(p for p in parameters if p not in [fact.parameter for fact in facts])
+    events = events_of(system, _with_coarse_inputs(log, _SAMPLE_STEP))
+    steps = max(1, int(_MOST_UPDATES / ((len(free) + 1) * events.y.shape[1])))
+    recording = FilterRows(events.rows[:steps], events.y[:steps], sample_weights(system, events)[:steps])
     if not free or not recording.weights.any():
         return _Source((), "innovations")
+    note = f"innovations are those of the first {events.t[steps] - events.t[0]:.0f} s" if steps < len(events.y) else ""
     fixed = Values(tuple(fact.parameter for fact in facts), np.array([fact.value for fact in facts]))
     told, likelihood, peak = _fit(LogLikelihood(system, recording, prior, free, fixed))
-    return _Source((*told, *_lasting_innovations(likelihood, peak.z)), "innovations")
+    return _Source((*told, *_lasting_innovations(likelihood, peak.z)), "innovations", note)
 
 
 def _lasting_innovations(likelihood: LogLikelihood, z: np.ndarray) -> Iterable[Told]:
@@ -186,7 +196,8 @@ def _calibration(
     disturbance_psd, input_psd = values.psds(model)
     spreads = readings(system, prior.mean[None, None]).spread[0, 0]
     numbers = tuple(_number(p, told.get(p), spreads, model.outputs) for p in every)
-    return Calibration(values.system(system), tuple(disturbance_psd.tolist()), input_psd, numbers, tuple(_notes(system, log, numbers)))
+    notes = (*_notes(system, log, numbers), *(source.note for source in sources if source.note))
+    return Calibration(values.system(system), tuple(disturbance_psd.tolist()), input_psd, numbers, notes)
 
 
 def _number(parameter: Parameter, told: tuple[Told, str] | None, spreads: np.ndarray, outputs: tuple) -> CalibratedNumber:

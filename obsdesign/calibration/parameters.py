@@ -113,6 +113,11 @@ class Values:
         return CalibratedSystem(system, sensors, inputs) if sensors or inputs else system
 
 
+def _together(names: list[str]) -> str:
+    """What things are called that are one."""
+    return ", ".join(names) if len(names) <= _NAMED else f"{names[0]} and {len(names) - 1} of its kind"
+
+
 def _states_of_its_own(model: Model, output: int) -> tuple[bool, bool]:
     """Return whether a state that nothing moves is an output's bias, h = s + ..., and whether one is its scale, h = s g + ..."""
     import casadi as ca
@@ -132,6 +137,8 @@ _BIAS_SPREAD = 20.0  # stated standard deviations of a sample
 _SCALE_SPREAD = 0.1
 _PSD_SPREAD = 4.0  # of the logarithm: most anything
 _FEW = 50  # samples of a sensor, below which sensors of one kind are one
+_NAMED = 4  # things that are one, up to which each of them is named
+_MANY = 8  # sensors of one kind, beyond which they are one: landmarks of one camera
 
 
 def sensor_parameters(
@@ -141,14 +148,14 @@ def sensor_parameters(
 
     sigma is the factor on what is stated, one for outputs of one standard deviation; where samples have sigmas of their own (own) it is
     the sensor's inflation. Sensors of one kind, with outputs of the same units and standard deviations, share all of it where one of
-    them has few samples (counts). Errors that last or belong together stay as stated.
+    them has few samples (counts) or there are many. Errors that last or belong together stay as stated.
     """
     kinds: dict[object, list[Channel]] = {}
     for channel in model.channels:
         if channel.name in spreads:
             kinds.setdefault(_kind_of(model, channel, spreads[channel.name], own[channel.name]), []).append(channel)
     for kind in kinds.values():
-        is_one = min(counts[channel.name] for channel in kind) < _FEW
+        is_one = min(counts[channel.name] for channel in kind) < _FEW or len(kind) > _MANY
         for group in [kind] if is_one else [[channel] for channel in kind]:
             yield from _parameters_of_group(model, group, spreads[group[0].name], own[group[0].name])
 
@@ -164,7 +171,7 @@ def _parameters_of_group(model: Model, group: list[Channel], spread: np.ndarray,
     first, places = group[0], [model.outputs_of[channel.name] for channel in group]
     columns = list(zip(*places, strict=True))
     for i, signal in enumerate(first.outputs):
-        owner = ", ".join(channel.outputs[i].name for channel in group)
+        owner = _together([channel.outputs[i].name for channel in group])
         has_bias, has_scale = _states_of_its_own(model, columns[i][0])
         if not has_bias:
             yield Parameter(Quantity.BIAS, owner, columns[i], 0.0, _BIAS_SPREAD * float(spread[i]), signal.unit)
@@ -175,11 +182,11 @@ def _parameters_of_group(model: Model, group: list[Channel], spread: np.ndarray,
     quantity = Quantity.INFLATION if own else Quantity.SIGMA
     if own or first.noise.spread.numel() == 1:
         yield Parameter(
-            quantity, ", ".join(channel.name for channel in group), tuple(j for outputs in places for j in outputs), 1.0, _SIGMA_SPREAD
+            quantity, _together([channel.name for channel in group]), tuple(j for outputs in places for j in outputs), 1.0, _SIGMA_SPREAD
         )
         return
     for i in range(len(first.outputs)):
-        yield Parameter(quantity, ", ".join(channel.outputs[i].name for channel in group), columns[i], 1.0, _SIGMA_SPREAD)
+        yield Parameter(quantity, _together([channel.outputs[i].name for channel in group]), columns[i], 1.0, _SIGMA_SPREAD)
 
 
 def motion_parameters(model: Model, sizes: np.ndarray, prior_std: np.ndarray, duration: float) -> Iterator[Parameter]:
