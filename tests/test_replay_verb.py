@@ -173,3 +173,14 @@ def test_the_documented_way_from_a_log_to_an_answer_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[:1]
     exec("".join([*before, "psd = (0.01, 0.01, 0.001)\n", *blocks["python"]]), {})  # noqa: S102
+
+
+def test_truth_that_begins_later_than_the_log_begins_the_replay(tmp_path):
+    def late(rows):
+        return [row for row in rows if "truth" not in row or (float(row.split(",")[0]) > 12 and "heading" not in row)]
+
+    write_drive(tmp_path, steps=60, change=late)
+    found = setup(tmp_path)
+    assert found.log.samples.t[0] == pytest.approx(12.5, abs=0.01) and any("where the truth begins" in note for note in found.log.notes)
+    assert found.prior.mean[:2] == pytest.approx(found.log.truth.x[0])
+    assert found.notes == ("heading begins at 0, as uncertain as the prior says: neither [start] nor the truth tells it",)

@@ -25,6 +25,7 @@ from obsdesign.vehicles.unicycle import Unicycle
 _RANGING_STD = {"x": 3.0, "y": 3.0, "heading": 0.3}
 _TAG_STD = {"x": 0.1, "y": 0.1, "heading": 0.1, "speed": 0.5, "turn_rate": 0.5}
 _RANGE_SIGMA, _TAG_SIGMA = 1.0, 0.1  # m, to begin a calibration with
+_LATE = 1.0  # s: truth that begins so much later than the log does not tell its start
 _MOVES = 0.2  # m: shorter ways between true positions tell no direction
 
 
@@ -61,6 +62,27 @@ class LogSetup:
             raise InputError(f"start: missing key {missing[0]!r}: the log holds no truth of it; say in [start] where the log begins")
         return Prior([mean[name] for name in names], std=[self.std[name] for name in names])
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on states whose beginning nobody tells."""
+        untold = [name for name in self.system.model.state_names if name not in self.start and name not in _first_truth(self.log)]
+        return tuple(f"{name} begins at 0, as uncertain as the prior says: neither [start] nor the truth tells it" for name in untold)
+
+
+def from_first_truth(log: Log, about: tuple[str, ...]) -> Log:
+    """Return the log from where the truth of what counts begins, where that is later than the log does: nothing else tells the start."""
+    truth = log.truth
+    columns = [] if truth is None else [truth.names.index(name) for name in about if name in truth.names]
+    if truth is None or not columns:
+        return log
+    told = truth.t[np.isfinite(truth.x[:, columns]).all(axis=1)]
+    first, last = log.span
+    if not len(told) or told[0] - first <= _LATE or told[0] >= last:
+        return log
+    part = log.stretch(float(told[0]), last)
+    note = f"replayed from t = {told[0]:.9g} s on, where the truth begins: no [start] says where the log does"
+    return replace(part, notes=(*part.notes, note))
+
 
 def _first_truth(log: Log) -> dict[str, float]:
     """The first true value of each state."""
@@ -78,13 +100,15 @@ def scenario_setup(file: Path, scenario: Scenario, topics: Path | None) -> LogSe
     """Return a log read as a scenario says."""
     named = scenario.replay.topics
     chosen = topics or (Path(scenario.file).parent / named if named else None)
+    start = dict(scenario.start) if "start" in tomllib.loads(scenario.source) else {}
     log = read_log(file, scenario.system, chosen)
+    log = log if start else from_first_truth(log, scenario.replay.about)
     return LogSetup(
         scenario.title,
         file,
         scenario.system,
         log,
-        dict(scenario.start) if "start" in tomllib.loads(scenario.source) else {},
+        start,
         dict(scenario.prior),
         scenario.replay,
         scenario.disturbance_psd,
@@ -113,7 +137,7 @@ def file_setup(file: Path) -> LogSetup:
 def _ranging_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
     beacons = {f"beacon_{name:g}": (float(x), float(y)) for name, x, y in arrays["beacons"]}
     system = System(Unicycle(), tuple(Range(place, _RANGE_SIGMA, name=name) for name, place in beacons.items()))
-    log = _facing_forward(read_log(file, system))
+    log = from_first_truth(_facing_forward(read_log(file, system)), ("x", "y"))
     return LogSetup(file.stem, file, system, log, {}, _RANGING_STD, ReplayTable(), None, None, 1, 10.0, beacons)
 
 

@@ -52,7 +52,12 @@ def study_log(setup: LogSetup, seed: int) -> LogStudy:
     schedule = log_schedule(setup, drive, seed)
     errors = () if schedule is None else _schedule_errors(drive, schedule, setup.per_segment, seed)
     return LogStudy(
-        setup, calibration, drive, schedule, errors, (*drive.notes, *notes, *(() if calibration is None else calibration.notes))
+        setup,
+        calibration,
+        drive,
+        schedule,
+        errors,
+        (*drive.notes, *setup.notes, *notes, *(() if calibration is None else calibration.notes)),
     )
 
 
@@ -65,7 +70,7 @@ def schedule_study(setup: LogSetup, seed: int) -> LogStudy:
     if schedule is None:
         raise InputError(f"{setup.file}: nothing to choose: a log of a segment or more is needed, and more sensors than may be on")
     errors = _schedule_errors(drive, schedule, setup.per_segment, seed)
-    return LogStudy(setup, calibration, drive, schedule, errors, drive.notes)
+    return LogStudy(setup, calibration, drive, schedule, errors, (*drive.notes, *setup.notes))
 
 
 def _restarts(setup: LogSetup) -> tuple[int, tuple[str, ...]]:
