@@ -65,7 +65,8 @@ def _draw_path(figure: Figure, axes: Axes, study: LogStudy, places: list[int]) -
     axes.add_collection(lines)
     axes.autoscale_view()
     bar = figure.colorbar(lines, ax=axes, shrink=0.8)
-    ticks = [tick for tick in np.outer(10.0 ** np.arange(-4, 5), (1.0, 2.0, 5.0)).ravel() if low <= tick <= high] or [low]
+    ticks = [tick for tick in np.outer(10.0 ** np.arange(-4, 5), (1.0, 2.0, 5.0)).ravel() if low <= tick <= high]
+    ticks = ticks if len(ticks) > 1 else [norm.vmin, norm.vmax]
     bar.set_ticks(ticks, labels=[f"{tick:.3g}" for tick in ticks])
     bar.minorticks_off()
     bar.set_label(f"bound, 1σ{NARROW}[m]")

@@ -11,6 +11,7 @@ from obsdesign.report.section import Section
 from obsdesign.report.table import TableColumn, finite, tabulate
 from obsdesign.study.log_study import LogStudy
 
+_ALIKE = 1.1  # of the smallest prediction, up to which windows cannot be ranked
 _WITHOUT_TRUTH = "Truth is needed only for the factor between errors and predictions. Which windows were hard is told without it."
 
 
@@ -37,6 +38,9 @@ def _answer(study: LogStudy) -> str:
         return "No window could be judged."
     worst = max(hard, key=lambda window: window.predicted)
     best = min(hard, key=lambda window: window.predicted)
+    if worst.predicted < _ALIKE * best.predicted:
+        factor = f"; errors are {numeral(drive.ratio)} times that (median)" if np.isfinite(drive.ratio) else ""
+        return f"All stretches were alike: no filter is below {numeral(best.predicted)} to {numeral(worst.predicted)}{factor}."
     start = drive.t[0]
     told = (
         f"hardest from {worst.first - start:.4g} to {worst.last - start:.4g} s, where no filter is below {numeral(worst.predicted)};"
