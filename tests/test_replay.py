@@ -69,7 +69,7 @@ def test_the_order_of_rows_and_the_beginning_of_time_change_nothing():
     order = np.random.default_rng(2).permutation(500)
     samples = log.samples
     shuffled = od.LogSamples(NAMES, samples.t[order], samples.sensor[order], samples.y[order])
-    options = {"disturbance_psd": PSD, "along": "truth", "restarts": 8}
+    options = {"disturbance_psd": PSD, "along": "truth", "restarts": 2}
     first = od.replay(SYSTEM, log, PRIOR, **options)
     again = od.replay(SYSTEM, od.Log(log.inputs, shuffled, log.truth), PRIOR, **options)
     later = od.replay(SYSTEM, drive(epoch=1.7e9), PRIOR, **options)
@@ -108,8 +108,8 @@ def test_a_beacon_that_was_moved_is_named(moved):
 
 
 def test_restarted_filters_err_as_the_bound_says_and_a_linear_one_exactly():
-    """Of a filter that is right errors are chi-square about what is predicted: 24 windows of 40 runs."""
-    found = od.replay(SYSTEM, drive(steps=1000), PRIOR, disturbance_psd=PSD, along="truth", restarts=40)
+    """Of a filter that is right errors are chi-square about what is predicted: 10 windows of 40 runs."""
+    found = od.replay(SYSTEM, drive(steps=400), PRIOR, disturbance_psd=PSD, along="truth", restarts=40)
     assert found.ratio == pytest.approx(1.0, abs=0.25)
     assert found.rank_correlation.low <= found.rank_correlation.value <= found.rank_correlation.high
 
