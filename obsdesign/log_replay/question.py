@@ -11,6 +11,7 @@ from obsdesign.estimation.abstract import AbstractEstimator
 from obsdesign.logs.log import Log
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
+from obsdesign.signals import Signal
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,11 @@ class ReplayQuestion:
     def places(self) -> list[int]:
         """Where the states that count stand among all."""
         return [self.system.model.state_names.index(name) for name in self.about]
+
+    @property
+    def signal(self) -> Signal:
+        """The first of the states that count: errors and predictions are in its unit."""
+        return self.system.model.states[self.places[0]]
 
     @property
     def angles(self) -> tuple[str, ...]:

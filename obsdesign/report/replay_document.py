@@ -93,6 +93,7 @@ class ReplayDocument(DocumentPart):
     title: str
     file: str
     about: list[str]
+    unit: str = Field(description="of errors and predictions")
     samples: dict[str, int]
     rejected_by_sensor: dict[str, int]
     locked_out: list[LockOutPart]
@@ -120,6 +121,7 @@ def document_of_log(study: LogStudy) -> ReplayDocument:
         title=study.setup.title,
         file=study.setup.file.name,
         about=list(drive.question.about),
+        unit=drive.question.signal.unit,
         samples=_counts(sensors, drive.run.arrived.sum(axis=0)),
         rejected_by_sensor=_counts(sensors, drive.run.rejected.sum(axis=0)),
         locked_out=[LockOutPart(sensor=item.sensor, first=item.first, last=item.last) for item in drive.locked_out],

@@ -9,7 +9,6 @@ from obsdesign.report.page import environment
 from obsdesign.report.replay_sections import drive, fewer_sensors, fit, hard_windows, sensors, states
 from obsdesign.report.section import KeyNumber, Section
 from obsdesign.report.to_document import versions
-from obsdesign.signals import Signal
 from obsdesign.study.log_study import LogStudy
 
 
@@ -35,17 +34,12 @@ def _sections(study: LogStudy) -> tuple[Section, ...]:
     return (drive.section(study), sensors.section(study), hard_windows.section(study), states.section(study), *chosen, *fitted)
 
 
-def _unit(study: LogStudy) -> Signal:
-    question = study.replay.question
-    return question.system.model.states[question.places[0]]
-
-
 def _answer(study: LogStudy) -> str:
     run, about = study.replay, ", ".join(study.replay.question.about)
-    bound = with_unit(_bound(study), _unit(study))
+    bound = with_unit(_bound(study), study.replay.question.signal)
     if not np.isfinite(run.rmse):
         return f"The best possible filter knows {about} to {bound} on average; how well this one did is not told without truth."
-    error = with_unit(run.rmse_second_half if np.isfinite(run.rmse_second_half) else run.rmse, _unit(study))
+    error = with_unit(run.rmse_second_half if np.isfinite(run.rmse_second_half) else run.rmse, study.replay.question.signal)
     return f"The filter errs by {error} in {about} in the second half of the log; the best possible one errs by {bound} on average."
 
 
@@ -58,7 +52,7 @@ def _headline(study: LogStudy) -> tuple[KeyNumber, ...]:
     run = study.replay
     numbers = [KeyNumber("drive", f"{len(run.hidden_windows)} of {len(run.windows)}", "windows do not see all of the state")]
     if np.isfinite(run.rmse):
-        numbers.insert(0, KeyNumber("drive", with_unit(run.rmse, _unit(study)), f"RMSE of {', '.join(run.question.about)}"))
+        numbers.insert(0, KeyNumber("drive", with_unit(run.rmse, study.replay.question.signal), f"RMSE of {', '.join(run.question.about)}"))
         numbers.append(
             KeyNumber("windows", numeral(run.rank_correlation.value), "rank correlation of predicted and actual errors of windows")
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Group
 
-from obsdesign.report.number_format import plain
+from obsdesign.report.number_format import NOTHING, plain
 from obsdesign.report.replay_document import ReplayDocument
 from obsdesign.report.table import Entry, Table, TableColumn, finite, tabulate
 from obsdesign.report.terminal import render
@@ -17,10 +17,10 @@ def replay_summary(document: ReplayDocument) -> Group:
 
 
 def _numbers_table(document: ReplayDocument) -> Table:
-    about = ", ".join(document.about)
+    about, unit = ", ".join(document.about), f" [{document.unit or NOTHING}]"
     rows: list[tuple[Entry, Entry]] = [
-        (f"RMSE of {about}, second half", _value(document.position_rmse)),
-        (f"RMSE of {about}", _value(document.position_rmse_all)),
+        (f"RMSE of {about}, second half{unit}", _value(document.position_rmse)),
+        (f"RMSE of {about}{unit}", _value(document.position_rmse_all)),
         ("rank correlation of errors with the posterior", _value(document.spearman_posterior)),
         ("... with the filter's own covariance", _value(document.spearman_own)),
         ("... with the window's samples alone", _value(document.spearman_plain)),

@@ -26,7 +26,8 @@ def picture(study: LogStudy) -> Picture | None:
         for row, value in enumerate(bars.values()):
             text, tip = (numeral(value), value) if np.isfinite(value) else ("lost its way", widest)
             axes.annotate(text, (tip, row), xytext=(4, 0), textcoords="offset points", va="center", color=INK, fontsize=9)
-        axes.set(xlim=(0, 1.2 * widest), ylim=(len(bars) - 0.4, -0.6), xlabel="RMSE of the filter")
+        unit = study.replay.question.signal.unit or "–"
+        axes.set(xlim=(0, 1.2 * widest), ylim=(len(bars) - 0.4, -0.6), xlabel=f"RMSE of the filter [{unit}]")
         axes.tick_params(axis="y", length=0)
 
     caption = (

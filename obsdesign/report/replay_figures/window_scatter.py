@@ -18,6 +18,8 @@ def picture(study: LogStudy) -> Picture | None:
     if not len(pairs):
         return None
 
+    unit = f" [{drive.question.signal.unit or '–'}]"
+
     def paint(figure: Figure) -> None:
         """Draw on the figure."""
         axes = figure.add_subplot()
@@ -27,7 +29,7 @@ def picture(study: LogStudy) -> Picture | None:
         line = np.array([low, high])
         axes.plot(line, line, color=INK, linewidth=1.0, label="as predicted")
         axes.plot(line, drive.ratio * line, color=VERMILLION, linestyle="--", linewidth=1.2, label=f"times {numeral(drive.ratio)}")
-        axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), xlabel="predicted", ylabel="actual")
+        axes.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high), xlabel=f"predicted{unit}", ylabel=f"actual{unit}")
         legend_below(figure, axes, 3)
 
     caption = (

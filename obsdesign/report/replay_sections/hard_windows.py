@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from obsdesign.log_replay.rank_correlation import RankCorrelation
-from obsdesign.report.number_format import numeral
+from obsdesign.report.number_format import numeral, with_unit
 from obsdesign.report.replay_figures import window_scatter
 from obsdesign.report.section import Section
 from obsdesign.report.table import TableColumn, finite, tabulate
@@ -36,15 +36,17 @@ def _answer(study: LogStudy) -> str:
     hard = [window for window in drive.windows if np.isfinite(window.predicted)]
     if not hard:
         return "No window could be judged."
+    signal = drive.question.signal
     worst = max(hard, key=lambda window: window.predicted)
     best = min(hard, key=lambda window: window.predicted)
+    least, largest = with_unit(best.predicted, signal), with_unit(worst.predicted, signal)
     if worst.predicted < _ALIKE * best.predicted:
         factor = f"; errors are {numeral(drive.ratio)} times that (median)" if np.isfinite(drive.ratio) else ""
-        return f"All stretches were alike: no filter is below {numeral(best.predicted)} to {numeral(worst.predicted)}{factor}."
+        return f"All stretches were alike: no filter is below {least} to {largest}{factor}."
     start = drive.t[0]
     told = (
-        f"hardest from {worst.first - start:.4g} to {worst.last - start:.4g} s, where no filter is below {numeral(worst.predicted)};"
-        f" easiest from {best.first - start:.4g} to {best.last - start:.4g} s, {numeral(best.predicted)}"
+        f"hardest from {worst.first - start:.4g} to {worst.last - start:.4g} s, where no filter is below {largest};"
+        f" easiest from {best.first - start:.4g} to {best.last - start:.4g} s, {least}"
     )
     if not np.isfinite(drive.ratio):
         return f"It was {told}. There is no truth, so the factor to errors is not told."
