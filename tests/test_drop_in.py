@@ -49,10 +49,10 @@ def test_the_result_of_new_parts_satisfies_the_schema_and_is_right(study):
     assert (selection["criterion_label"], selection["gap_kind"]) == ("mean eigenvalue", "relative")
     assert quality["value"] == pytest.approx(np.mean(quality["eigenvalues"]))
     assert result["paths"]["designed"]["feasible"]
-    gps, second, doppler, ranging = np.array(selection["chosen"]).T
-    assert (doppler | ranging).all()
+    gps, second, speedometer, ranging = np.array(selection["chosen"]).T
+    assert (speedometer | ranging).all()
     assert not (gps & second).any()
-    assert selection["rules"] == ["OneOf: doppler, range"]
+    assert selection["rules"] == ["OneOf: speedometer, range"]
     assert selection["value"] <= selection["bound"] <= selection["value"] * (1 + 1e-6)
     assert selection["value"] <= quality["value"]
 
@@ -66,5 +66,12 @@ def test_the_designed_path_is_of_the_new_family_and_keeps_the_new_limit(study):
 
 def test_the_page_speaks_of_the_new_parts(study):
     page = (study / "report.html").read_text()
-    for words in ("mean eigenvalue", "doppler", "OneOf: doppler, range", "exposure", "v_x [m/s]", "times that of the straight path"):
+    for words in (
+        "mean eigenvalue",
+        "speedometer",
+        "OneOf: speedometer, range",
+        "exposure",
+        "v_x [m/s]",
+        "times that of the straight path",
+    ):
         assert words in page.replace('<span class="unit">', "").replace("</span>", ""), words

@@ -165,7 +165,11 @@ def test_a_study_tells_what_the_chosen_samples_say_together(tmp_path: Path):
     """Errors that last: exact_value beside the value, in the result and on the page."""
     text = (Path(__file__).parents[1] / "scenarios" / "dubins_sensor_selection.toml").read_text().split("[[expected]]")[0]
     text = text.replace("sigma = 2.0", "correlation = 0.8\nbias_floor = 0.5\nsigma = 2.0", 1).replace("runs = 100", "runs = 2")
-    text = text.replace("seconds = 40.0", "seconds = 10.0").replace("duration = 120.0", "duration = 30.0")
+    text = (
+        text.replace("seconds = 40.0", "seconds = 10.0")
+        .replace("duration = 120.0", "duration = 30.0")
+        .replace("after = 30.0", "after = 20.0")
+    )
     before, after = text.split('[[paths]]\nname = "straight"')
     (tmp_path / "lasting.toml").write_text(before + "[selection]" + after.split("[selection]")[1])
     study = od.run(od.load_scenario(tmp_path / "lasting.toml"))

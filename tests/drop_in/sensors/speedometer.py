@@ -1,4 +1,4 @@
-"""Speed over ground by its Doppler shift."""
+"""Speed over ground, whatever way it goes."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ _REST = 0.01  # [m/s] added in the square: the speed has a derivative at rest
 
 
 @dataclass(frozen=True, kw_only=True)
-class Doppler(AbstractSensor):
+class Speedometer(AbstractSensor):
     """h = |(v_x, v_y)|."""
 
     sigma: float
     """Standard deviation of one sample [m/s]."""
-    name: str = "doppler"
+    name: str = "speedometer"
 
     @property
     def outputs(self) -> tuple[Signal, ...]:
         return (Signal(self.name, "m/s"),)
 
     @property
-    def landmark(self) -> None:
-        return None
+    def landmarks(self) -> tuple[()]:
+        return ()
 
     def measure(self, state: Mapping[str, ca.SX]) -> tuple[ca.SX, ...]:
         return ((state["v_x"] ** 2 + state["v_y"] ** 2 + _REST**2) ** 0.5,)
