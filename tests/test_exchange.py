@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from conftest import obsdesign
 
 import obsdesign as od
 from obsdesign.exchange.czml import attitude, heading_of
@@ -431,6 +432,47 @@ def test_way_points_as_text_are_read_by_both_readers_alike(importers, written, t
         np.testing.assert_allclose(visited(items), points, atol=6e-8)
         # MAVSDK puts a home of its own in front for ArduPilot, whatever row 0 is
         assert len(items) == 40 + extra + (name == "ardupilot")
+
+
+@pytest.mark.slow
+def test_an_edited_starter_becomes_files_that_public_readers_load(importers, tmp_path):
+    """init, two edits, run: the points, heights, frames and home that readers load are those of the path and of the place."""
+    import gpxpy
+    from fastkml import KML
+    from pymavlink.mavwp import MAVWPLoader
+
+    assert obsdesign("init", "--quiet", folder=tmp_path).returncode == 0
+    (file,) = tmp_path.glob("*.toml")
+    text = file.read_text()
+    assert text.count("latitude = 47.397742") == text.count("height = 100.0") == 1
+    file.write_text(text.replace("latitude = 47.397742", "latitude = 46.5").replace("height = 100.0", "height = 120.0"))
+    done = obsdesign("run", file.name, "--out", "out", "--quiet", "--export", "plan,wpl,kml,gpx", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / "out"
+    assert (out / "report.html").stat().st_size > 100_000
+    rows = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
+    east, north = (rows[next(name for name in rows.dtype.names if name.startswith(start))] for start in ("x", "y"))
+    place = GeodeticOrigin(46.5, 8.545594, 488.0)
+    heights = np.full(len(east), 120.0)
+    path = geodetic(Track(np.arange(float(len(east))), np.column_stack([east, north, heights]), None, place), "test")
+    (document,) = KML.from_string((out / "path.kml").read_bytes()).features
+    line = document.features[0].kml_geometry
+    assert line.altitude_mode.value == "absolute"
+    np.testing.assert_allclose([point[:2] for point in line.geometry.coords], path[:, [1, 0]], atol=1e-7)
+    assert {point[2] for point in line.geometry.coords} == {608.0}
+    ((segment,),) = [each.segments for each in gpxpy.parse((out / "path.gpx").read_text()).tracks]
+    np.testing.assert_allclose([(point.latitude, point.longitude) for point in segment.points], path[:, :2], atol=1e-7)
+    items = importers["px4"].import_qgroundcontrol_mission(str(out / "path.plan")).mission_items
+    points = visited(items)
+    assert 10 < len(points) < len(path)
+    assert np.abs(points[:, None, :2] - path[None, :, :2]).max(axis=2).min(axis=1).max() < 2e-7  # each is a point of the path
+    np.testing.assert_allclose(points[[0, -1], :2], path[[0, -1], :2], atol=2e-7)
+    assert set(points[:, 2]) == {120.0}
+    assert json.loads((out / "path.plan").read_text())["mission"]["plannedHomePosition"] == [46.5, 8.545594, 488.0]
+    loader = MAVWPLoader()
+    loader.load(str(out / "path.waypoints"))
+    rows = [loader.wp(k) for k in range(loader.count())]
+    np.testing.assert_allclose([[row.x, row.y, row.z] for row in rows if row.command == 16 and row.frame == 3], points, atol=1e-6)
 
 
 def test_the_table_beside_a_mission_says_from_which_item_on_which_sensor_is_on(importers, written, track):
