@@ -7,6 +7,7 @@ import math
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -255,6 +256,29 @@ def test_gpx_has_height_and_utc_at_every_point(written, track):
         assert heading == pytest.approx(float(compass_degrees(track.heading)[i]), abs=1e-8)
     assert [point.name for point in document.waypoints] == ["on: gps", 'on: odd "<&>, é', 'on: gps, odd "<&>, é']
     assert written["gpx"].read_text().count("Z</time>") == 43
+
+
+def test_a_path_across_the_date_line_is_cut_there_in_geojson(tmp_path):
+    """RFC 7946, 3.1.9: no part crosses 180 degrees; the parts meet on it at one latitude, between those of their neighbours."""
+    x = np.linspace(-400.0, 400.0, 8)
+    there_and_back = np.concatenate([x, x[::-1]])
+    place = GeodeticOrigin(-17.0, 180.0, 10.0)
+    position = np.column_stack([there_and_back, np.linspace(0.0, 300.0, 16), np.linspace(20.0, 50.0, 16)])
+    track = Track(np.arange(16.0), position, None, place)
+    (file,) = write_track(track, "geojson", tmp_path / "fiji.geojson")
+    line = json.loads(file.read_text())["features"][0]["geometry"]
+    assert line["type"] == "MultiLineString"
+    parts = [np.array(part) for part in line["coordinates"]]
+    assert [len(part) for part in parts] == [5, 10, 5]
+    for part in parts:
+        assert (np.abs(part[:, 0]) <= 180).all() and (np.abs(np.diff(part[:, 0])) < 1).all()
+    for before, after in pairwise(parts):
+        assert before[-1, 0] == -after[0, 0] and abs(after[0, 0]) == 180 and (before[-1, 1:] == after[0, 1:]).all()
+        assert before[-2, 1] < before[-1, 1] < after[1, 1]
+        assert before[-2, 2] < before[-1, 2] < after[1, 2]
+    again = read_track(file)
+    np.testing.assert_allclose(again.position, track.position, atol=2e-4)
+    assert again.t.tolist() == track.t.tolist()
 
 
 def test_geojson_has_three_components_with_times_and_height_reference(written, track):

@@ -1,4 +1,8 @@
-"""GeoJSON (RFC 7946): the path as a LineString with three components, times and headings in its properties."""
+"""GeoJSON (RFC 7946): the path as a LineString with three components, times and headings in its properties.
+
+A path across the meridian of 180 degrees is a MultiLineString, cut there as section 3.1.9 asks for; times and headings are those of its
+points without the two that each cut adds.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +53,9 @@ class GeoJson(AbstractFormat):
         }
         if track.heading is not None:
             properties["headings_deg"] = compass_degrees(track.heading).tolist()
-        features = [_feature("LineString", places.tolist(), properties)]
+        parts = _cut(places)
+        kind, coordinates = ("LineString", parts[0]) if len(parts) == 1 else ("MultiLineString", parts)
+        features = [_feature(kind, coordinates, properties)]
         if origin is not None:
             features.append(_feature("Point", [origin.longitude, origin.latitude, origin.altitude], {"name": "origin"}))
         text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False, separators=(",", ":"))
@@ -59,11 +65,13 @@ class GeoJson(AbstractFormat):
         """Return the first line; a position that is null or has two components is refused."""
         document = read_json(file)
         features = document["features"] if document.get("type") == "FeatureCollection" else [document]
-        lines = [feature for feature in features if feature["geometry"]["type"] == "LineString"]
+        lines = [feature for feature in features if feature["geometry"]["type"] in {"LineString", "MultiLineString"}]
         if not lines:
             raise InputError("has no LineString")
+        geometry = lines[0]["geometry"]
+        parts = geometry["coordinates"] if geometry["type"] == "MultiLineString" else [geometry["coordinates"]]
         properties = lines[0].get("properties") or {}
-        places = numbers("coordinates", lines[0]["geometry"]["coordinates"])
+        places = numbers("coordinates", _join(parts))
         if places.ndim != 2 or places.shape[1] != 3:
             raise InputError("coordinates must have three components each: longitude, latitude, height")
         about = read_about(properties.get("about"))
@@ -72,6 +80,26 @@ class GeoJson(AbstractFormat):
         heading = None if headings is None else from_compass(numbers("headings_deg", headings))
         t = numbers("seconds", properties["seconds"])
         return Track(t, position, heading, origin, about.epoch, about.sensors, str(properties.get("name", file.stem)))
+
+
+def _cut(places: np.ndarray) -> list[list[list[float]]]:
+    """Return the parts of a line (N, 3) of longitudes [degrees], latitudes and heights that do not cross the meridian of 180 degrees."""
+    parts, first = [], 0
+    before: list[list[float]] = []
+    for k in np.flatnonzero(np.abs(np.diff(places[:, 0])) > 180):
+        side = 180.0 if places[k, 0] > 0 else -180.0
+        east = places[k + 1, 0] + 2 * side - places[k, 0]  # degrees to the next point, the short way
+        crossing = places[k] + (side - places[k, 0]) / east * (places[k + 1] - places[k])
+        latitude, height = round(float(crossing[1]), DECIMALS), round(float(crossing[2]), 4)
+        parts.append([*before, *places[first : k + 1].tolist(), [side, latitude, height]])
+        before, first = [[-side, latitude, height]], k + 1
+    return [*parts, [*before, *places[first:].tolist()]]
+
+
+def _join(parts: list[list[list[float]]]) -> list[list[float]]:
+    """Return the points of lines without those at which they were cut: the last of each but the last, the first of each but the first."""
+    last = len(parts) - 1
+    return [point for i, part in enumerate(parts) for point in part[1 if i else 0 : len(part) - (i < last)]]
 
 
 def _feature(kind: str, coordinates: list, properties: dict[str, object]) -> dict[str, object]:
