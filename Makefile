@@ -50,6 +50,7 @@ examples: $(READY)
 	$(BIN)/python docs/without_records.py reports/examples/*/result.json
 	$(BIN)/python docs/picture.py
 	$(BIN)/obsdesign schema result > docs/result.schema.json
+	$(BIN)/python docs/command_line.py
 
 PIN = $(BIN)/pip-compile --quiet --strip-extras --no-header --no-annotate --no-emit-index-url --no-emit-find-links \
   --no-emit-trusted-host --upgrade

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import shlex
@@ -302,3 +303,12 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
     command = f"{shlex.quote(sys.executable)} -m obsdesign schema scenario | head -1; echo ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert (done.stdout.split()[-1], done.stderr) == ("0", "")
+
+
+def test_the_page_of_verbs_is_that_of_their_table():
+    spec = importlib.util.spec_from_file_location("command_line_page", ROOT / "docs" / "command_line.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    page = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    assert page == script.page(), "written by: python docs/command_line.py"
+    assert re.findall(r"^## `obsdesign (\S+)`$", page, flags=re.MULTILINE) == [verb.name for verb in VERBS]
