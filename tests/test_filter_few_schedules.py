@@ -116,3 +116,18 @@ def test_a_determinant_that_is_rounding_is_none():
         system, path, od.Prior(np.zeros(2), std=(1.0, 1.0)), segment=10.0, rules=closed, criterion=od.LogDet(), over="end"
     )
     assert schedule.value == np.inf or schedule.value == pytest.approx(2 * 29 * np.trace(A), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_determinant_far_below_rounding_of_the_covariance_is_that_of_liouville(seed: int):
+    """Without noise and samples log det P_k = log det P_0 + 2 t_k tr A: here deviations are e^50 apart."""
+    random = np.random.default_rng(seed)
+    V = random.normal(size=(3, 3)) + 2 * np.eye(3)
+    A, x = V @ np.diag([0.0, -1.25, -2.5]) @ np.linalg.inv(V), ca.SX.sym("x", 3)
+    system = od.ControlAffineSystem(x, ("a", "b", "c"), drift=ca.DM(A) @ x, outputs={"y": x[0]}, sigmas={"y": 1.0})
+    path, closed = od.simulate(system, np.zeros(3), np.zeros((21, 0)), 1.0), (od.MaxUses("y", 0),)
+    schedule = od.select_for_filter(
+        system, path, od.Prior(np.zeros(3), std=(1.0, 2.0, 3.0)), segment=7.0, rules=closed, criterion=od.LogDet(), over="end"
+    )
+    assert schedule.value == pytest.approx(2 * np.log(6.0) + 2 * 20 * np.trace(A), rel=1e-9)
+    assert schedule.bound <= schedule.value + 1e-6

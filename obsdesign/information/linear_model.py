@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.nuisance_states import NuisanceStates, nuisance_of
@@ -13,6 +14,7 @@ from obsdesign.information.information_update import Disturbance
 from obsdesign.information.linearisation import linearise
 from obsdesign.information.sample_information import require_derivatives
 from obsdesign.prior import Prior
+from obsdesign.round_off import rotated_triangles
 from obsdesign.trajectory import Trajectory
 
 _WHITE_SHARE = 1e-6  # of coloured errors: the share of their covariance that counts as white, so that covariances stay regular
@@ -69,6 +71,18 @@ class LinearModel:
             unknown_columns=self.unknown_columns / units[:, None],
         )
 
+    def in_order(self, order: np.ndarray) -> LinearModel:
+        """Return the model of z_order."""
+        square = np.ix_(order, order)
+        return replace(
+            self,
+            initial_covariance=self.initial_covariance[square],
+            transition=self.transition[:, *square],
+            noise=self.noise[:, *square],
+            rows=self.rows[:, :, order],
+            unknown_columns=self.unknown_columns[:, order],
+        )
+
     def covariances(self, active: np.ndarray) -> np.ndarray:
         """Return the covariances (..., N, n, n) of z after the samples at t_k of a Kalman filter, active (..., N, S): what is on."""
         P = np.broadcast_to(self.initial_covariance, (*active.shape[:-2], *self.initial_covariance.shape))
@@ -84,6 +98,24 @@ class LinearModel:
                 P = self.transition[k] @ P @ self.transition[k].T + self.noise[k]
                 P = (P + P.swapaxes(-1, -2)) / 2
         return result
+
+    def covariance_roots(self, active: np.ndarray) -> np.ndarray:
+        """Return roots B (N, n, n), B B' the covariance after the samples at t_k, active (N, S): with twice the digits of B B'.
+
+        Rows of B' after a sample r, from (1, 0; B'r, B'), and after a step, from (A B, Q^1/2)', by rotations: Kailath, Sayed, Hassibi
+        (2000), chapter 12.
+        """
+        n = len(self.initial_covariance)
+        R, noise_rows = _rows_of(self.initial_covariance), [_rows_of(Q) for Q in self.noise]
+        is_on = (active[:, self.sensor_of_row] > 0) & self.rows.any(axis=2)
+        roots = np.empty((self.steps, n, n))
+        for k in range(self.steps):
+            for row in self.rows[k, is_on[k]]:
+                R = rotated_triangles(np.block([[np.ones((1, 1)), np.zeros((1, n))], [(R @ row)[:, None], R]]))[1:, 1:]
+            roots[k] = R.T
+            if k < self.steps - 1:
+                R = rotated_triangles(np.vstack([R @ self.transition[k].T, noise_rows[k]]))
+        return roots
 
     @property
     def steps(self) -> int:
@@ -119,6 +151,17 @@ def linear_model_of(system: AbstractSystem, path: Trajectory, prior: Prior, dist
     columns = np.zeros((N - 1, size, B.shape[2]))
     columns[:, :n] = B[:-1]
     return LinearModel(covariance, transition[:-1], noise[:-1], rows, np.array(model.output_owner), columns, linearisation.spreads)
+
+
+def _rows_of(Q: np.ndarray) -> np.ndarray:
+    """Return rows A (n, n), A'A = Q (n, n) >= 0, of the rank that its digits show: Cholesky's, the largest pivots first."""
+    size = np.sqrt(np.diagonal(Q))
+    unit = np.where(size > 0, size, 1.0)
+    (pstrf,) = get_lapack_funcs(("pstrf",), (Q,))
+    factor, order, rank, _ = pstrf(Q / unit[:, None] / unit, tol=-1.0)
+    rows = np.zeros_like(Q)
+    rows[:rank, order - 1] = np.triu(factor)[:rank]
+    return rows * unit
 
 
 def _whiten(rows: np.ndarray, variance: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -29,7 +29,7 @@ from obsdesign.trajectory import Trajectory
 
 UNKNOWN_SPREADS = (1e3 / 3, 1e4 / 3, 1e5 / 3, 1e6 / 3)  # no round numbers: what rounding does has to show
 """What may stand for an unknown input: the larger, the nearer to one, and the more digits are lost."""
-_LEAST_CORRELATION = 1e-6  # the least eigenvalue of covariances in unit deviations whose determinant has eight digits
+_TRUSTED = 1e-6  # of a log det, and of 1: how far it may be from the same in another order of the states
 _FAR_APART = 1e100  # times a standard deviation at first: what may count as one unit at most, and one part of it at least
 
 
@@ -135,14 +135,19 @@ class FilterQuestion:
         deviations = deviations_of_roots(roots)
         if self.disturbance.unknown or np.isfinite(deviations).all():
             return deviations
-        variances = np.diagonal(self._covariances(chosen), axis1=1, axis2=2)[:, : deviations.shape[1]]
-        return np.where(np.isfinite(deviations), deviations, np.sqrt(np.maximum(variances, 0.0)))
+        of_covariances = np.linalg.norm(self._covariance_roots(chosen), axis=2)[:, : deviations.shape[1]]
+        return np.where(np.isfinite(deviations), deviations, of_covariances)
 
-    def _covariances(self, chosen: np.ndarray) -> np.ndarray:
-        """Return covariances (N, n, n) without floors; inf where they grow beyond all numbers."""
+    def _covariance_roots(self, chosen: np.ndarray, is_reversed: bool = False) -> np.ndarray:
+        """Return roots B (N, n, n) of covariances B B' without floors; inf where they grow beyond all numbers.
+
+        is_reversed: computed with the states in reverse order, so that rounding differs.
+        """
+        model = self._model_without_floors
+        order = np.arange(len(model.initial_covariance))[:: -1 if is_reversed else 1]
         with np.errstate(over="ignore", invalid="ignore"):
-            covariances = self._model_without_floors.covariances(self.active(chosen))
-        return np.where(np.isfinite(covariances).all(axis=(1, 2), keepdims=True), covariances, np.inf)
+            roots = model.in_order(order).covariance_roots(self.active(chosen))[:, order]
+        return np.where(np.isfinite(roots).all(axis=(1, 2), keepdims=True), roots, np.inf)
 
     def schedule_cost(self, chosen: np.ndarray) -> float:
         """Return the cost of a schedule (K, S), without what switching costs; with floors of the model that has them.
@@ -177,21 +182,18 @@ class FilterQuestion:
         return np.where(is_seen, costs, unseen)
 
     def _costs_of_covariances(self, chosen: np.ndarray) -> np.ndarray:
-        covariances = self._covariances(chosen)
-        is_infinite = np.isinf(covariances[:, 0, 0])
-        if not self.is_relative:  # a determinant that is rounding
-            is_infinite |= _smallest_correlation(covariances, self.costs.about) < _LEAST_CORRELATION
-        covariances[is_infinite] = np.eye(covariances.shape[1])
-        return np.where(is_infinite[self.costs.counted], np.inf, self.costs.each(covariances))
+        costs = self._costs_of_covariance_roots(self._covariance_roots(chosen))
+        if self.is_relative:
+            return costs
+        again = self._costs_of_covariance_roots(self._covariance_roots(chosen, is_reversed=True))
+        with np.errstate(invalid="ignore"):  # a determinant that is rounding is another one in another order
+            return np.where(np.abs(costs - again) <= _TRUSTED * np.maximum(1.0, np.abs(costs)), costs, np.inf)
 
-
-def _smallest_correlation(covariances: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return the smallest eigenvalue (N,) of covariances (N, n, n) of some states in unit deviations; 0 without numbers."""
-    block = covariances[:, places][:, :, places]
-    size = np.sqrt(np.maximum(np.diagonal(block, axis1=1, axis2=2), 0.0))
-    is_number = np.isfinite(block).all(axis=(1, 2)) & (size > 0).all(axis=1)
-    block[~is_number], size[~is_number] = 0.0, 1.0
-    return np.linalg.eigvalsh(block / size[:, :, None] / size[:, None, :])[:, 0]
+    def _costs_of_covariance_roots(self, roots: np.ndarray) -> np.ndarray:
+        counted = roots[self.costs.counted]
+        is_infinite = np.isinf(counted[:, 0, 0])
+        counted[is_infinite] = np.eye(counted.shape[1])
+        return np.where(is_infinite, np.inf, self.costs.each_from_roots(counted))
 
 
 def deviations_of_roots(R: np.ndarray) -> np.ndarray:
