@@ -21,8 +21,9 @@ import obsdesign.criteria
 import obsdesign.paths
 import obsdesign.rules
 from obsdesign.families import kinds
+from obsdesign.scenario.design_tables import DesignTable
 from obsdesign.scenario.loading import load_scenario_of_path
-from obsdesign.scenario.schema import DesignTable, SelectionTable
+from obsdesign.scenario.selection_tables import SelectionTable
 from obsdesign.study.problem import problem_of
 
 SCENARIOS = sorted((Path(__file__).parent.parent / "scenarios").glob("*.toml"))

@@ -18,7 +18,8 @@ from obsdesign.exchange.track import GeodeticOrigin, SensorTimes, Track, sensor_
 from obsdesign.exchange.trajectory_csv import read_trajectory_csv
 from obsdesign.exchange.words import MISSION_WORDS, PLACED_WORDS
 from obsdesign.scenario.loading import load_scenario_of_path
-from obsdesign.scenario.schema import PlaceTable, Scenario
+from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.tables import PlaceTable
 from obsdesign.study.record import Study
 from obsdesign.study.thinned_flight import Thinning, judge_way_points, way_points_of
 from obsdesign.study.thinned_path import Autopilot, ThinnedPath

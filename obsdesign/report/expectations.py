@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from obsdesign.scenario.schema import Expected
+from obsdesign.scenario.tables import Expected
 
 
 class Expectation(BaseModel):

@@ -7,7 +7,8 @@ import re
 from obsdesign.constraints.abstract import AbstractConstraint
 from obsdesign.design.violation import Violation
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, percent, plain
-from obsdesign.scenario.schema import SHORTEST, STRAIGHT, WEAVE, Scenario
+from obsdesign.scenario.path_names import SHORTEST, STRAIGHT, WEAVE
+from obsdesign.scenario.schema import Scenario
 from obsdesign.selection.posterior.requirement import RequiredKnowledge
 from obsdesign.signals import Signal
 from obsdesign.study.rated_schedules import FilterAnswer

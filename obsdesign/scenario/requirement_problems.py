@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
 
 if TYPE_CHECKING:
-    from obsdesign.scenario.schema import RequirementTable, Scenario
+    from obsdesign.scenario.schema import Scenario
+    from obsdesign.scenario.selection_tables import RequirementTable
 
 _PLACE = ("selection", "requirements")
 _ROUNDING = 1e-9  # of a step

@@ -16,7 +16,8 @@ from obsdesign.information.blocks import Information
 from obsdesign.information.contribution_shares import contributions
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.moment import Moment
-from obsdesign.scenario.schema import DESIGNED, SHORTEST, STRAIGHT, WEAVE, Scenario
+from obsdesign.scenario.path_names import DESIGNED, SHORTEST, STRAIGHT, WEAVE
+from obsdesign.scenario.schema import Scenario
 from obsdesign.study.record import Candidate, Quality, suites_of
 from obsdesign.trajectory import Trajectory
 

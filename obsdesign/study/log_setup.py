@@ -17,7 +17,8 @@ from obsdesign.logs.reading import read_log
 from obsdesign.logs.truth import LogTruth
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
-from obsdesign.scenario.schema import ReplayTable, Scenario
+from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.tables import ReplayTable
 from obsdesign.sensors.range import Range
 from obsdesign.study.recorded_tags import TagRanges, Trolley
 from obsdesign.vehicles.unicycle import Unicycle

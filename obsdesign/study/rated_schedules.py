@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from obsdesign.scenario.schema import Question
+from obsdesign.scenario.selection_tables import Question
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.posterior.requirement import RequiredKnowledge
 

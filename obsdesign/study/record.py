@@ -18,7 +18,9 @@ from obsdesign.information.blocks import Information
 from obsdesign.information.contribution_shares import Contributions
 from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight
-from obsdesign.scenario.schema import DESIGNED, STRAIGHT, Question, Scenario
+from obsdesign.scenario.path_names import DESIGNED, STRAIGHT
+from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.selection_tables import Question
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule

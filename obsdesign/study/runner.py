@@ -21,7 +21,8 @@ from obsdesign.joint.joint_solver import codesign
 from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight, fly
 from obsdesign.progress import Progress, StageReport
-from obsdesign.scenario.schema import DESIGNED, GIVEN, Scenario
+from obsdesign.scenario.path_names import DESIGNED, GIVEN
+from obsdesign.scenario.schema import Scenario
 from obsdesign.study.candidate_paths import candidate_of, candidates_of
 from obsdesign.study.problem import problem_along, problem_of, scenario_paths, start_of
 from obsdesign.study.record import CHOSEN, Analysis, Candidate, FilterCheck, Selection, Study, baseline_of, schedule_at_steps, suites_of

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
+from obsdesign.scenario.path_names import DESIGNED, STRAIGHT, WEAVE
 
 WIDTH = 4.8  # inches: 10 pt text stays 10 px on a phone that is 400 px wide
 BLUE, SKY, GREEN, ORANGE, VERMILLION, PURPLE = "#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7"  # Okabe and Ito

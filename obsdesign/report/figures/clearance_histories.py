@@ -11,7 +11,7 @@ from obsdesign.design.nlp.node_functions import node_functions_of
 from obsdesign.report.figures._drawing import INK, Picture, inline_svg, legend_below, light_grid, path_colour, styled_figure
 from obsdesign.report.names import path_in_words
 from obsdesign.report.number_format import NARROW, numeral
-from obsdesign.scenario.schema import DESIGNED
+from obsdesign.scenario.path_names import DESIGNED
 from obsdesign.study.record import Study
 
 _ROUND_OFF = 1e-9  # [m] below which a distance is 0

@@ -15,7 +15,7 @@ from obsdesign.errors import InputError
 from obsdesign.report.derived_quantities import clean_eigenvalues, sensors_in_words, without_zeros
 from obsdesign.report.figures._drawing import INK, Picture, inline_svg, styled_figure
 from obsdesign.report.names import path_in_words
-from obsdesign.scenario.schema import DESIGNED
+from obsdesign.scenario.path_names import DESIGNED
 from obsdesign.study.record import Study
 
 _MIN_COMPONENT = 0.1  # a component smaller than this is left to its colour

@@ -14,7 +14,7 @@ from obsdesign.design.record import Design
 from obsdesign.errors import InputError
 from obsdesign.report.figures._drawing import BLUE, INK, Picture, inline_svg, legend_below, light_grid, path_colour, styled_figure
 from obsdesign.report.number_format import display_unit, signal_label
-from obsdesign.scenario.schema import STRAIGHT
+from obsdesign.scenario.path_names import STRAIGHT
 from obsdesign.signals import Signal
 from obsdesign.study.record import Study
 from obsdesign.trajectory import Trajectory

@@ -23,7 +23,7 @@ from obsdesign.report.figures._map import draw_landmarks, draw_shapes, shapes
 from obsdesign.report.figures._map_contents import SIGMAS, MapContents
 from obsdesign.report.names import path_in_words
 from obsdesign.report.number_format import NARROW, numeral, plain
-from obsdesign.scenario.schema import DESIGNED, SHORTEST, WEAVE
+from obsdesign.scenario.path_names import DESIGNED, SHORTEST, WEAVE
 from obsdesign.study.record import Study
 from obsdesign.trajectory import Trajectory
 

@@ -13,7 +13,7 @@ from obsdesign.report.derived_quantities import drawing_suffix, segment_nodes
 from obsdesign.report.figures._drawing import BLUE, Picture, inline_svg, styled_figure
 from obsdesign.report.names import filter_gap, gap_in_words, path_in_words
 from obsdesign.report.number_format import NARROW, numeral, plain
-from obsdesign.scenario.schema import Question
+from obsdesign.scenario.selection_tables import Question
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.study.rated_schedules import FOR

@@ -12,7 +12,7 @@ from obsdesign.report.number_format import NARROW, join, numeral, percent, plain
 from obsdesign.report.section import Section
 from obsdesign.report.sections._paths import contributions_table, path_value, paths_table
 from obsdesign.report.table import Table, TableColumn, Toned, tabulate
-from obsdesign.scenario.schema import DESIGNED, STRAIGHT, WEAVE
+from obsdesign.scenario.path_names import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.signals import DEGREES_PER_RADIAN
 from obsdesign.status import Status
 from obsdesign.study.record import Study

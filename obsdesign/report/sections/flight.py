@@ -17,7 +17,7 @@ from obsdesign.report.names import violations_in_words
 from obsdesign.report.number_format import NARROW, display_unit, join, numeral, plain, signal_label, with_unit
 from obsdesign.report.section import Section
 from obsdesign.report.table import Table, TableColumn, tabulate
-from obsdesign.scenario.schema import FlightTable
+from obsdesign.scenario.tables import FlightTable
 from obsdesign.study.record import Study
 
 _FAR_MARGIN = 1.0  # margin by which a limit is broken that is not met at all: a whole tolerance or radius
