@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import tomllib
 
 import jsonschema
 import numpy as np
@@ -163,6 +164,25 @@ def test_a_scenario_for_a_log_is_accepted_by_check(tmp_path):
     assert od.load_scenario(tmp_path / "one.toml").replay.restarts == 8  # as `check` reads it
 
 
+def test_the_published_schema_asks_no_more_of_a_scenario_for_a_log_than_the_program():
+    schema = jsonschema.Draft202012Validator(od.Scenario.model_json_schema())
+    schema.validate(tomllib.loads(SCENARIO))
+    assert not schema.is_valid(tomllib.loads(SCENARIO.replace("[replay]\nrestarts = 8", "")))
+    for key in ("prior", "vehicle", "sensors"):
+        assert not schema.is_valid({name: value for name, value in tomllib.loads(SCENARIO).items() if name != key})
+
+
+def test_check_says_where_landmarks_are_missing_and_reads_them_where_they_are_named(tmp_path):
+    write_drive(tmp_path, steps=1)
+    done = obsdesign("check", "my.toml", folder=tmp_path)
+    assert done.returncode == 0 and "for a log" in done.stdout and "--landmarks says where they are" in done.stdout
+    done = obsdesign("check", "my.toml", "--landmarks", "landmarks.csv", folder=tmp_path)
+    assert done.returncode == 0 and "sensors a, b, c, for a log" in done.stdout
+    (tmp_path / "my.toml").write_text(SCENARIO.replace("sigma = 1.0", "sigma = -1.0"))
+    done = obsdesign("check", "my.toml", folder=tmp_path)
+    assert done.returncode == 2 and "sigma is -1.0" in done.stderr and "too short" not in done.stderr and "at least 1" not in done.stderr
+
+
 def test_the_documented_way_from_a_log_to_an_answer_runs(tmp_path, monkeypatch):
     page = (ROOT / "docs/logs.md").read_text()
     section = page[page.index("## From a log to an answer") :]
@@ -170,7 +190,7 @@ def test_the_documented_way_from_a_log_to_an_answer_runs(tmp_path, monkeypatch):
     (tmp_path / "drive.csv").write_text(re.findall(r"```csv\n(.*?)```", page, flags=re.DOTALL)[0])
     (tmp_path / "my.toml").write_text(blocks["toml"][0])
     (tmp_path / "landmarks.csv").write_text(blocks["csv"][0])
-    for line in blocks["bash"][0].splitlines()[1:]:
+    for line in blocks["bash"][0].splitlines():
         done = obsdesign(*shlex.split(line)[1:], folder=tmp_path)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "report" / "report.html").exists() and (tmp_path / "report" / "replay.json").exists()

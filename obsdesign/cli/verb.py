@@ -78,6 +78,9 @@ JSON = Argument("--json", "print one JSON object on stdout", is_flag=True)
 QUIET = Argument("--quiet", "print nothing when all is well", is_flag=True)
 SEED = Argument("--seed", "overrides the scenario's seed", read=whole_number_type(0), variable="NUMBER")
 SCENARIO = Argument("scenario", "TOML file (default: the scenario in this folder)", read=Path, completes="files", may_miss=True)
+LANDMARKS = Argument(
+    "--landmarks", "CSV table of name, x, y: each sensor without a beacon stands for one at each", Path, completes="files", variable="FILE"
+)
 JOBS = Argument(
     "--jobs",
     "processes (default: %(default)s); the answer does not depend on it",

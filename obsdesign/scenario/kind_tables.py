@@ -17,6 +17,7 @@ import obsdesign.rules
 import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.families import kinds, leaf
+from obsdesign.scenario.log_schema import required_of
 
 COST = "cost"  # where the keys of a cost are kept beside what it counts for; no key of the file
 SUFFIX = "_deg"  # of a key whose value is in degrees
@@ -87,7 +88,7 @@ class _KindSchema:
         if "kind" not in table["properties"]:
             properties = {key: _as_table(item) for key, item in table["properties"].items()}
             table["properties"] = {"kind": {"const": self.kind}} | properties
-            table["required"] = ["kind", *table.get("required", [])]
+            table["required"] = ["kind", *required_of(self.kind, table.get("required", []))]
             _add_degrees(table, [key for key, item in properties.items() if self.angles and _is_number(item)])
         return schema
 

@@ -25,6 +25,7 @@ from obsdesign.scenario.problem_text import (
     describe_error,
     in_file,
     location_text,
+    of_a_part,
     of_another_type,
     unknown_key,
     value_at,
@@ -122,7 +123,8 @@ def _validate(data: dict[str, Any], internal: dict[str, str], has_path: bool) ->
         text = json.dumps({**in_radians(data), **internal}, default=str)
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
-        return None, [describe_error(detail, data, _keys_at) for detail in error.errors() if not of_another_type(detail, data)]
+        told = [detail for detail in error.errors() if not (of_another_type(detail, data) or of_a_part(detail, data))]
+        return None, [describe_error(detail, data, _keys_at) for detail in told]
     wrong = [Problem(location, _no_angle_message(location)) for location in non_angles(data, scenario)]
     contradictions = [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path)]
     return scenario, wrong + contradictions

@@ -11,9 +11,11 @@ from obsdesign.errors import InputError
 
 Landmarks = Mapping[str, tuple[float, ...]]
 _NOWHERE = 0.123456789  # of a start that nobody gave: no landmark stands there
+ANY_LANDMARK: Landmarks = {"landmark": (1.123456789, 0.123456789)}  # stands for those of a table that is not at hand
 _SEGMENT = 10.0  # s
 _STEPS = 20  # of a segment
 _HEADER = ("name", "x", "y")
+OF_LANDMARKS = ("range", "bearing", "range_bearing", "doppler")  # kinds of sensors that stand for one at each landmark
 
 
 def with_log_defaults(data: dict[str, Any], landmarks: Landmarks) -> dict[str, Any]:
@@ -40,9 +42,14 @@ def _copies(sensor: Any, landmarks: Landmarks) -> list[Any]:  # noqa: ANN401  # 
     if not isinstance(sensor, Mapping):
         return [sensor]
     own = {key: value for key, value in sensor.items() if key != "rate"}
-    if not landmarks or "beacon" in own or own.get("kind") not in ("range", "bearing", "range_bearing", "doppler"):
+    if not landmarks or not is_of_landmarks(sensor):
         return [own]
     return [own | _at(own.get("name"), name, place) for name, place in landmarks.items()]
+
+
+def is_of_landmarks(sensor: Any) -> bool:  # noqa: ANN401
+    """Whether a sensor's table stands for one at each landmark."""
+    return isinstance(sensor, Mapping) and "beacon" not in sensor and sensor.get("kind") in OF_LANDMARKS
 
 
 def _at(own_name: Any, name: str, place: tuple[float, ...]) -> dict[str, Any]:  # noqa: ANN401

@@ -69,6 +69,12 @@ def of_another_type(error: Mapping[str, Any], data: Any) -> bool:  # noqa: ANN40
     return False
 
 
+def of_a_part(error: Mapping[str, Any], data: Any) -> bool:  # noqa: ANN401
+    """Whether an array is said to be too short only because what is wrong with its entries has been told already."""
+    value = value_at(data, in_file(error["loc"], data))
+    return error["type"] == "too_short" and isinstance(value, list) and len(value) >= error["ctx"]["min_length"]
+
+
 def unknown_key(location: Location, key: str, accepted: Sequence[str]) -> Problem:
     """Return what is wrong with a key that nobody knows."""
     hint, nearest = nearest_word(key.removesuffix(SUFFIX), accepted)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import comb
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 import obsdesign.criteria
 import obsdesign.sensors
@@ -16,6 +16,7 @@ from obsdesign.noise_density import PerSpeed
 from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.scenario.design_tables import CodesignTable, DesignTable
 from obsdesign.scenario.kind_tables import family_of, in_degrees_too
+from obsdesign.scenario.log_schema import require_unless_replayed
 from obsdesign.scenario.selection_tables import Question, SelectionTable
 from obsdesign.scenario.tables import (
     Baseline,
@@ -45,6 +46,8 @@ _MAX_SETS = 1000  # sets of sensors that a schedule for the filter chooses from
 
 class Scenario(ScenarioTable):
     """A study as read from its file. Every angle may be given in degrees under its key with the suffix _deg."""
+
+    model_config = ConfigDict(json_schema_extra=require_unless_replayed)
 
     version: Literal[1] = Field(default=1, description="of the format of scenarios; files of earlier ones are read as they were meant")
     title: str

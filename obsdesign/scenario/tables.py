@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
+from obsdesign.scenario.log_schema import without_times
+
 Positive = Annotated[float, Field(gt=0)]
 HeightReference = Literal["sea_level", "ellipsoid"]
 
@@ -21,6 +23,8 @@ class ScenarioTable(BaseModel):
 
 class Time(ScenarioTable):
     """How long, in which steps, and how long a sensor stays chosen; all in seconds."""
+
+    model_config = ConfigDict(json_schema_extra=without_times)
 
     duration: float = Field(gt=0, description="length of the path [s]")
     step: float = Field(gt=0, description="integration step [s]; samples fall on steps")

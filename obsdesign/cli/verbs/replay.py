@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from obsdesign.cli.folders import require_writable
-from obsdesign.cli.verb import QUIET, Argument, Outcome, Verb, out_argument, whole_number_type
+from obsdesign.cli.verb import LANDMARKS, QUIET, Argument, Outcome, Verb, out_argument, whole_number_type
 from obsdesign.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -53,9 +53,6 @@ def log_setup(file: Path, options: Namespace) -> LogSetup:
     return scenario_setup(file, scenario, options.topics)
 
 
-LANDMARKS = Argument(
-    "--landmarks", "CSV table of name, x, y: each sensor without a beacon stands for one at each", Path, completes="files", variable="FILE"
-)
 TOPICS = Argument("--topics", "TOML file that says which topics of the log are what", Path, completes="files", variable="FILE")
 VERB = Verb(
     name="replay",

@@ -6,8 +6,8 @@ from argparse import Namespace
 from pathlib import Path
 
 from obsdesign.cli.folders import path_file, require_writable
-from obsdesign.cli.verb import QUIET, SEED, Argument, Outcome, Verb, out_argument
-from obsdesign.cli.verbs.replay import LANDMARKS, TOPICS, log_setup
+from obsdesign.cli.verb import LANDMARKS, QUIET, SEED, Argument, Outcome, Verb, out_argument
+from obsdesign.cli.verbs.replay import TOPICS, log_setup
 from obsdesign.errors import ExitCode, InputError
 
 
