@@ -11,6 +11,7 @@ from conftest import obsdesign
 from test_select_verb import FLOAT, schedules
 
 import obsdesign as od
+from obsdesign.cli import main
 from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.report.figures.predicted_errors import draw_predicted
 from obsdesign.report.figures.sensor_prices import sensor_worth
@@ -163,12 +164,20 @@ def test_predicted_errors_are_drawn_for_every_state_and_schedule(study):
         ('[selection]\nquestion = "start"', "maximised: λmin of the information about the state at the start"),
     ],
 )
-def test_the_verb_says_first_what_was_asked_and_needs_no_design(selection, first, study, tmp_path):
+def test_the_verb_says_first_what_was_asked_and_needs_no_design(selection, first, study, tmp_path, capsys, monkeypatch):
     (tmp_path / "float.toml").write_text(FLOAT.split("[[manoeuvres]]")[0].replace("SELECTION", selection))
     (tmp_path / "bent.csv").write_text(trajectory_csv(study.scenario.system, study.main.path))
-    done = obsdesign("select", "bent.csv", "--scenario", "float.toml", folder=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith(first)
-    assert "\\[" not in done.stdout
-    told = json.loads(obsdesign("select", "bent.csv", "--scenario", "float.toml", "--json", folder=tmp_path).stdout)["selection"]
-    assert told["question"] == ("start" if "start" in selection else "filter")
+    monkeypatch.chdir(tmp_path)
+    shown, told = (_printed(capsys, "select", "bent.csv", "--scenario", "float.toml", *options) for options in ((), ("--json",)))
+    assert shown.startswith(first)
+    assert "\\[" not in shown
+    assert json.loads(told)["selection"]["question"] == ("start" if "start" in selection else "filter")
+
+
+def _printed(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """What a command prints that ends well, in this process."""
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    out, err = capsys.readouterr()
+    assert (end.value.code, err) == (0, "")
+    return out

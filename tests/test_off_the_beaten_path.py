@@ -41,8 +41,11 @@ def gusty() -> od.Trajectory:
 # ---------------------------------------------------------------- paths that the inputs alone do not explain
 
 
-@pytest.mark.parametrize("weighted", [True, False])
-@pytest.mark.parametrize("path", [logged(), gusty()], ids=["a log", "gusts"])
+@pytest.mark.parametrize(
+    ("path", "weighted"),
+    [(logged(), True), (gusty(), True), (gusty(), False), pytest.param(logged(), False, marks=pytest.mark.slow)],
+    ids=["samples of a log", "samples in gusts", "the integral in gusts", "the integral of a log"],
+)
 def test_both_gramians_are_about_the_path_that_is_given(path: od.Trajectory, weighted: bool):
     """The empirical one tends to the variational one as eps^2 along it, not along what the model would have flown."""
     exact = od.variational_gramian(BLOWN, path, weighted).total
