@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from conftest import obsdesign
 from test_select_verb import FLOAT, schedules
 
 import obsdesign as od
