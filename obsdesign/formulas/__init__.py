@@ -1,0 +1,1 @@
+"""Formulas as text: their grammar, their units, what CasADi makes of them."""
