@@ -83,6 +83,15 @@ def test_a_log_a_scenario_and_landmarks_become_json_and_a_page(tmp_path):
     assert "http" not in page.replace("http://www.w3.org", "")
 
 
+def test_brackets_are_shown_as_they_stand(tmp_path):
+    write_drive(tmp_path, steps=40, change=lambda rows: [row for row in rows if "truth.heading" not in row])
+    text = (tmp_path / "my.toml").read_text().replace("restarts = 8", "restarts = 0\ncalibrate = 0.0\nschedule = false")
+    (tmp_path / "my.toml").write_text('title = "drive [/1] in [m]"\n' + text)
+    done = obsdesign("replay", "drive.csv", "--scenario", "my.toml", "--landmarks", "landmarks.csv", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "drive [/1] in [m]" in done.stdout and "neither [start] nor the truth tells it" in done.stdout
+
+
 def test_without_truth_windows_are_ranked_and_the_page_says_what_is_not_told(tmp_path):
     write_drive(tmp_path, truth=False, steps=80)
     text = (tmp_path / "my.toml").read_text()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rich.console import Group
+from rich.markup import escape
 
 from obsdesign.report.number_format import NOTHING, plain
 from obsdesign.report.replay_document import ReplayDocument
@@ -57,7 +58,7 @@ def _schedule_lines(document: ReplayDocument) -> tuple[str, ...]:
 
 
 def _note(note: str) -> str:
-    return f"note: {note}"
+    return escape(f"note: {note}")
 
 
 def _value(value: float | None) -> float:

@@ -101,7 +101,7 @@ def render(table: Table) -> rich.Table:
     """Lay a table out: its title with what is good, its notes below."""
     title = f"{table.title} ({table.good})" if table.good else table.title
     layout = {"title_justify": "left", "caption_justify": "left", "box": SIMPLE, "pad_edge": False}
-    drawn = rich.Table(*map(escape, table.head), title=f"\n{title}", caption=escape("\n".join(table.notes)) or None, **layout)
+    drawn = rich.Table(*map(escape, table.head), title=f"\n{escape(title)}", caption=escape("\n".join(table.notes)) or None, **layout)
     for row in table.rows:
         drawn.add_row(*(escape(cell.text) for cell in row))
     return drawn
