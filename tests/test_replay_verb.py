@@ -77,6 +77,8 @@ def test_a_log_a_scenario_and_landmarks_become_json_and_a_page(tmp_path):
     jsonschema.Draft202012Validator(ReplayDocument.model_json_schema()).validate(found)
     assert json.loads((tmp_path / "out" / "replay.json").read_text()) == found
     assert 0 < found["position_rmse"] < 0.6 and found["rejected"] >= 1 and found["samples"].keys() == LANDMARKS.keys()
+    growths = [window["growth"]["a"] for window in found["windows"] if sum(window["samples"].values())]
+    assert found["growth_by_sensor"]["a"] == pytest.approx(np.minimum(growths, 3).mean(), rel=1e-12)
     page = (tmp_path / "out" / "report.html").read_text()
     for sentence in ("Could it be seen?", "Which sensor mattered?", "Truth is needed only for the factor", "Which state is bound when?"):
         assert sentence in page

@@ -96,6 +96,7 @@ class ReplayDocument(DocumentPart):
     unit: str = Field(description="of errors and predictions")
     samples: dict[str, int]
     rejected_by_sensor: dict[str, int]
+    growth_by_sensor: dict[str, float] = Field(description="by what factor predicted errors grow without each sensor, mean of windows")
     locked_out: list[LockOutPart]
     ratio: Number = Field(description="median over the windows of error over prediction")
     spearman_intervals: dict[str, IntervalPart]
@@ -124,6 +125,7 @@ def document_of_log(study: LogStudy) -> ReplayDocument:
         unit=drive.question.signal.unit,
         samples=_counts(sensors, drive.run.arrived.sum(axis=0)),
         rejected_by_sensor=_counts(sensors, drive.run.rejected.sum(axis=0)),
+        growth_by_sensor=study.growth,
         locked_out=[LockOutPart(sensor=item.sensor, first=item.first, last=item.last) for item in drive.locked_out],
         ratio=drive.ratio,
         spearman_intervals={name: _interval(correlation) for name, correlation in pairs.items()},

@@ -35,17 +35,22 @@ def _sections(study: LogStudy) -> tuple[Section, ...]:
 
 
 def _answer(study: LogStudy) -> str:
-    run, about = study.replay, ", ".join(study.replay.question.about)
-    bound = with_unit(_bound(study), study.replay.question.signal)
+    run, signal, about = study.replay, study.replay.question.signal, ", ".join(study.replay.question.about)
     if not np.isfinite(run.rmse):
+        bound = with_unit(_bound(study, run.t >= run.t[0]), signal)
         return f"The best possible filter knows {about} to {bound} on average; how well this one did is not told without truth."
-    error = with_unit(run.rmse_second_half if np.isfinite(run.rmse_second_half) else run.rmse, study.replay.question.signal)
-    return f"The filter errs by {error} in {about} in the second half of the log; the best possible one errs by {bound} on average."
+    is_half = np.isfinite(run.rmse_second_half)
+    error = with_unit(run.rmse_second_half if is_half else run.rmse, signal)
+    # of the instants at which the error is one: at the beginning all of it is the prior's
+    is_told = np.isfinite(run.error[:, run.question.places]).all(axis=1) & (not is_half or run.t > np.mean(run.question.log.span))
+    where = " in the second half of the log" if is_half else ""
+    return f"The filter errs by {error} in {about}{where}; the best possible one errs by {with_unit(_bound(study, is_told), signal)} there."
 
 
-def _bound(study: LogStudy) -> float:
+def _bound(study: LogStudy, is_counted: np.ndarray) -> float:
+    """Root mean square over some instants (N+1,) of what no filter is below."""
     run = study.replay
-    return float(np.sqrt(np.mean((run.bound[:, run.question.places] ** 2).sum(axis=1))))
+    return float(np.sqrt(np.mean((run.bound[is_counted][:, run.question.places] ** 2).sum(axis=1))))
 
 
 def _headline(study: LogStudy) -> tuple[KeyNumber, ...]:

@@ -33,11 +33,9 @@ def _numbers_table(document: ReplayDocument) -> Table:
 
 def _sensors_table(document: ReplayDocument) -> Table:
     rows = []
+    most = [max(window.growth, key=window.growth.__getitem__) for window in document.windows if sum(window.samples.values())]
     for name, count in document.samples.items():
-        growths = sorted(window.growth[name] for window in document.windows if sum(window.samples.values()))
-        median = growths[len(growths) // 2] if growths else float("nan")
-        needed = sum(1 for window in document.windows if max(window.growth, key=lambda key: window.growth[key]) == name)
-        rows.append((name, count, document.rejected_by_sensor[name], median, needed))
+        rows.append((name, count, document.rejected_by_sensor[name], document.growth_by_sensor[name], most.count(name)))
     columns = (
         TableColumn("sensor"),
         TableColumn("samples", plain),

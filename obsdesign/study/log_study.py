@@ -21,6 +21,7 @@ _RANDOM_SCHEDULES, _FEW = 12, 4  # of a long log few: a filter runs with each
 _MOST_RESTARTED_STEPS = 3_000_000  # filters times events: half a minute
 _LONG = 60_000  # events of a log beyond which the proof of a schedule is looked for a limited time
 _TIME_LIMIT = 5.0  # s
+_LARGE_GROWTH = 3.0  # of a window's error without a sensor: what is larger is all the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,13 @@ class LogStudy:
     schedule: FilterSchedule | None
     schedule_errors: tuple[ScheduleError, ...]
     notes: tuple[str, ...]
+
+    @property
+    def growth(self) -> dict[str, float]:
+        """How many times as large errors are predicted without each sensor: mean over the windows with samples, 3 at most of each."""
+        names = self.replay.run.sensors
+        growths = [np.minimum(window.growth, _LARGE_GROWTH) for window in self.replay.windows if window.samples.any()]
+        return dict(zip(names, np.mean(growths, axis=0).tolist() if growths else [1.0] * len(names), strict=True))
 
 
 @one_thread()

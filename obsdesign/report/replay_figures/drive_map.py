@@ -83,16 +83,10 @@ def _draw_ellipses(axes: Axes, study: LogStudy, places: list[int], factor: int) 
 
 
 def _draw_landmarks(axes: Axes, study: LogStudy) -> None:
-    growths = {name: growth_of(study, s) for s, name in enumerate(study.replay.run.sensors)}
+    growths = study.growth
     for name, (x, y) in study.setup.landmarks.items():
-        size = 5 + 30 * min(growths.get(name, 0.0), 0.5)
+        size = 5 + 30 * min(growths.get(name, 1.0) - 1, 0.5)
         axes.plot(x, y, linestyle="none", marker="^", markersize=size, color=VERMILLION, markeredgecolor=INK, alpha=0.85, zorder=5)
         if len(study.setup.landmarks) <= 16:
             look = {"boxstyle": "round,pad=0.1", "facecolor": "white", "edgecolor": FAINT, "linewidth": 0.4, "alpha": 0.8}
             axes.annotate(name, (x, y), xytext=(0, 5 + size / 2), textcoords="offset points", ha="center", fontsize=8, bbox=look, zorder=6)
-
-
-def growth_of(study: LogStudy, s: int) -> float:
-    """Return by how much the error grows without a sensor, less 1: the mean over the windows with samples, each at most threefold."""
-    growths = [min(window.growth[s], 3.0) for window in study.replay.windows if window.samples.any()]
-    return float(np.mean(growths)) - 1 if growths else 0.0

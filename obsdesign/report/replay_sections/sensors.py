@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from obsdesign.report.number_format import join, numeral, plain
 from obsdesign.report.replay_figures import innovation_bars, sensor_raster
-from obsdesign.report.replay_figures.drive_map import growth_of
 from obsdesign.report.replay_figures.innovation_bars import sensor_innovations
 from obsdesign.report.section import Section
 from obsdesign.report.table import TableColumn, finite, hundredths, tabulate
@@ -15,15 +14,15 @@ _LITTLE = 0.02  # growth that does not matter
 
 def section(study: LogStudy) -> Section:
     """Return the answer to "Which sensor mattered?"."""
-    names, growths = study.replay.run.sensors, [growth_of(study, s) for s in range(len(study.replay.run.sensors))]
-    best = max(range(len(names)), key=growths.__getitem__)
-    idle = [name for name, growth in zip(names, growths, strict=True) if growth < _LITTLE]
-    could = f"; {join(idle)} could have been left off" if idle and len(idle) < len(names) else ""
-    answer = f"Most hung on {names[best]}: without it the error would have been {numeral(1 + growths[best])} times as large{could}."
+    growths = study.growth
+    best = max(growths, key=growths.__getitem__)
+    idle = [name for name, growth in growths.items() if growth < 1 + _LITTLE]
+    could = f"; {join(idle)} could have been left off" if idle and len(idle) < len(growths) else ""
+    answer = f"Most hung on {best}: without it the error would have been {numeral(growths[best])} times as large{could}."
     run = study.replay.run
     arrived, rejected = run.arrived.sum(axis=0), run.rejected.sum(axis=0)
     rows = [
-        (item.name, float(arrived[s]), rejected[s] / max(arrived[s], 1), 1 + growths[s], item.nis)
+        (item.name, float(arrived[s]), rejected[s] / max(arrived[s], 1), growths[item.name], item.nis)
         for s, item in enumerate(sensor_innovations(study))
     ]
     columns = (
