@@ -42,7 +42,8 @@ def _answer(study: LogStudy) -> str:
     is_half = np.isfinite(run.rmse_second_half)
     error = with_unit(run.rmse_second_half if is_half else run.rmse, signal)
     # of the instants at which the error is one: at the beginning all of it is the prior's
-    is_told = np.isfinite(run.error[:, run.question.places]).all(axis=1) & (not is_half or run.t > np.mean(run.question.log.span))
+    is_later = run.t > (np.mean(run.question.log.span) if is_half else -np.inf)
+    is_told = is_later & np.isfinite(run.error[:, run.question.places]).all(axis=1)
     where = " in the second half of the log" if is_half else ""
     return f"The filter errs by {error} in {about}{where}; the best possible one errs by {with_unit(_bound(study, is_told), signal)} there."
 
