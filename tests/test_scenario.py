@@ -20,6 +20,8 @@ import obsdesign.costs
 import obsdesign.criteria
 import obsdesign.paths
 import obsdesign.rules
+import obsdesign.sensors
+import obsdesign.vehicles
 from obsdesign.families import kinds
 from obsdesign.scenario.design_tables import DesignTable
 from obsdesign.scenario.loading import load_scenario_of_path
@@ -555,11 +557,18 @@ def test_the_readme_names_every_kind_and_every_key_of_the_design():
 
 
 def test_loading_a_scenario_loads_no_heavy_library():
-    # numpy is loaded by the path family, whose box says whether it suits the grid
-    heavy = "{'casadi', 'cvxpy', 'scipy', 'matplotlib', 'flint'}"
+    heavy = "{'casadi', 'cvxpy', 'scipy', 'matplotlib', 'flint', 'numpy'}"
     code = f"import sys, obsdesign as od; od.load_scenario({str(AEROSONDE)!r}); sys.exit(', '.join({heavy} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_loading_a_scenario_loads_the_kinds_that_it_names():
+    code = f"import sys, obsdesign as od; od.load_scenario({str(AEROSONDE)!r}); print(*sys.modules)"
+    modules = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    packages = (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.rules)
+    loaded = {kind for package in packages for kind in kinds(package) if f"{package.__name__}.{kind}" in modules}
+    assert loaded == {line.split('"')[1] for line in AEROSONDE.read_text().splitlines() if line.startswith("kind = ")}
 
 
 def test_two_sensors_of_one_kind_get_names_of_their_own():

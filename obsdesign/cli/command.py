@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-import traceback
 from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from typing import NoReturn
@@ -42,6 +40,8 @@ def main(arguments: Sequence[str] | None = None, verbs: Sequence[Verb] = VERBS) 
             _print_error(str(error), code, as_json, error.problems if isinstance(error, ScenarioError) else ())
         else:  # a fault of ours: never exit code 1, which is an answer of the study
             code = ExitCode.SOLVER_FAILED
+            import traceback
+
             traceback.print_exc()
             _print_error(f"internal error, please report it: {type(error).__name__}: {error}", code, as_json)
     sys.exit(code)
@@ -49,6 +49,8 @@ def main(arguments: Sequence[str] | None = None, verbs: Sequence[Verb] = VERBS) 
 
 def _print_outcome(outcome: Outcome, options: Namespace) -> None:
     if options.json:
+        import json
+
         print(json.dumps(outcome.document, indent=1, allow_nan=False))
     elif not options.quiet:
         _print_for_people(outcome.shown)
@@ -71,4 +73,6 @@ def _print_for_people(shown: tuple[object, ...]) -> None:
 def _print_error(message: str, code: ExitCode, as_json: bool, problems: Sequence[Mapping[str, object]] = ()) -> None:
     print(f"obsdesign: {message}", file=sys.stderr)
     if as_json:
+        import json
+
         print(json.dumps({"error": message, "exit_code": int(code), "problems": problems}, default=str))

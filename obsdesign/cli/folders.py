@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from pathlib import Path
 
 from obsdesign.errors import InputError
@@ -35,6 +34,8 @@ def scenario_file(given: Path | None) -> Path:
 
 def _is_scenario(file: Path) -> bool:
     """Whether a TOML file has what every scenario has; one that is not TOML may be a scenario with a mistake."""
+    import tomllib
+
     try:
         data = tomllib.loads(file.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError:

@@ -56,3 +56,11 @@ class AbstractPath(ABC):
     @abstractmethod
     def rates(self, p: ca.SX, grid: Grid) -> ca.SX:
         """Return rates of change (r, m) [unit/s], the largest of which no du/dt of this path exceeds, for a bound on rates."""
+
+
+class AbstractCheckablePath(AbstractPath):
+    """A family that says whether it suits a grid without its box, so that a scenario is checked without NumPy."""
+
+    @abstractmethod
+    def require_suits(self, grid: Grid) -> None:
+        """Raise InputError where the family does not suit the grid."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from obsdesign.checks import require_count
 from obsdesign.errors import InputError
 from obsdesign.paths import _columns
-from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.paths.abstract import AbstractCheckablePath, Grid
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -19,7 +19,7 @@ _COARSE = 12  # points that are few
 
 
 @dataclass(frozen=True)
-class BSpline(AbstractPath):
+class BSpline(AbstractCheckablePath):
     """Inputs that are smooth curves: of each input the clamped B-spline over uniform knots, u = M p.
 
     u_k = mean over step k of sum_j p_j B_j(t). B_j >= 0 and sum_j B_j = 1, so u stays between the smallest and the largest control
@@ -41,8 +41,12 @@ class BSpline(AbstractPath):
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
         """Return the inputs' bounds, for every control point."""
-        _columns.require_at_most_steps("points", self.points, grid)
+        self.require_suits(grid)
         return _columns.repeat_bounds(self.points, grid)
+
+    def require_suits(self, grid: Grid) -> None:
+        """Raise InputError for more control points than steps."""
+        _columns.require_at_most_steps("points", self.points, grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
         """Return u = M p, the mean of each spline over every step."""

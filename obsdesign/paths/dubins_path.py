@@ -10,7 +10,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_positive
 from obsdesign.errors import InputError
 from obsdesign.paths import _columns, _switch_times, _switches
-from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.paths.abstract import AbstractCheckablePath, Grid
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -21,7 +21,7 @@ _TURN = "turn_rate"
 
 @validate_arguments
 @dataclass(frozen=True)
-class DubinsPath(AbstractPath):
+class DubinsPath(AbstractCheckablePath):
     """Arcs at the turn limit and straights in a given order, smoothed so that their durations can be optimised.
 
     turn_rate(t) = v_1 + sum_i (v_i+1 - v_i) S((t - s_i) / tau), u_k its mean over step k; every other input is constant.
@@ -49,6 +49,10 @@ class DubinsPath(AbstractPath):
         turn, switches = self._turn(grid), len(self.word) - 1
         lower, upper = (np.delete(np.array(side), turn) for side in (grid.lower, grid.upper))
         return np.concatenate([np.zeros(switches), lower]), np.concatenate([np.full(switches, grid.duration), upper])
+
+    def require_suits(self, grid: Grid) -> None:
+        """Raise InputError where there is no turn rate, or one whose bounds do not allow turns to both sides."""
+        self._turn(grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
         """Return u: the mean turn rate of every step, the other inputs constant."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_count
 from obsdesign.paths import _columns
-from obsdesign.paths.abstract import AbstractPath, Grid
+from obsdesign.paths.abstract import AbstractCheckablePath, Grid
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -17,7 +17,7 @@ _COARSE = 12  # pieces that are few
 
 
 @dataclass(frozen=True)
-class PiecewiseConstant(AbstractPath):
+class PiecewiseConstant(AbstractCheckablePath):
     """Inputs that are held over pieces of equal length: u_k = p_j for every step k of piece j.
 
     Piece j lasts from round(j N / pieces) on, so that lengths differ by one step at most.
@@ -34,8 +34,12 @@ class PiecewiseConstant(AbstractPath):
 
     def box(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
         """Return the inputs' bounds, for every piece."""
-        _columns.require_at_most_steps("pieces", self.pieces, grid)
+        self.require_suits(grid)
         return _columns.repeat_bounds(self.pieces, grid)
+
+    def require_suits(self, grid: Grid) -> None:
+        """Raise InputError for more pieces than steps."""
+        _columns.require_at_most_steps("pieces", self.pieces, grid)
 
     def inputs(self, p: ca.SX, grid: Grid) -> ca.SX:
         """Return u_k = p_j for every step k of piece j."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import obsdesign.criteria
-from obsdesign.costs.effort import Effort
 from obsdesign.errors import InputError
 from obsdesign.families import kinds
 from obsdesign.scenario.criterion_problems import criteria_of_matrices, find_criterion_problems, find_weight_problems
@@ -18,10 +18,12 @@ from obsdesign.scenario.path_problems import (
 )
 from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
 from obsdesign.scenario.requirement_problems import find_requirement_problems
-from obsdesign.scenario.rule_problems import find_rule_problems
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.tables import Leg
 from obsdesign.scenario.time_problems import find_flight_problems, find_range_problems, find_time_problems
+
+if TYPE_CHECKING:
+    from obsdesign.costs.effort import Effort
 
 _MAX_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory
 
@@ -40,7 +42,10 @@ def find_contradictions(scenario: Scenario, has_path: bool = False) -> Iterator[
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
     yield from _selection_problems(scenario)
-    yield from find_rule_problems(scenario)
+    if scenario.selection.rules or scenario.selection.pareto:
+        from obsdesign.scenario.rule_problems import find_rule_problems
+
+        yield from find_rule_problems(scenario)
     yield from find_requirement_problems(scenario, has_path)
     yield from find_path_source_problems(scenario, has_path)
     yield from find_criterion_problems(scenario)
@@ -80,10 +85,12 @@ def _name_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _efforts(scenario: Scenario) -> Iterator[tuple[Location, Effort]]:
-    for key in ("prices", "budgets"):
-        for i, table in enumerate(getattr(scenario.design, key)):
-            if isinstance(table.cost, Effort):
-                yield ("design", key, i, "weights"), table.cost
+    priced = {"prices": scenario.design.prices, "budgets": scenario.design.budgets}
+    if any(priced.values()):
+        from obsdesign.costs.effort import Effort
+
+        for key, tables in priced.items():
+            yield from ((("design", key, i, "weights"), table.cost) for i, table in enumerate(tables) if isinstance(table.cost, Effort))
 
 
 def _legs(scenario: Scenario) -> Iterator[tuple[Location, Leg]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cache
 from types import ModuleType
 from typing import Annotated, Any, Union
 
-from pydantic import BeforeValidator, Discriminator, GetJsonSchemaHandler, Tag
-from pydantic_core import CoreSchema
+from pydantic import BeforeValidator, ConfigDict, Discriminator, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag, TypeAdapter
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 import obsdesign.constraints
 import obsdesign.costs
@@ -23,31 +25,63 @@ COST = "cost"  # where the keys of a cost are kept beside what it counts for; no
 SUFFIX = "_deg"  # of a key whose value is in degrees
 _Json = dict[str, Any]
 
-# every class that a table may name under `kind`
-LEAVES = {
-    kind: leaf(package, kind)
-    for package in (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.rules)
-    for kind in kinds(package)
-}
+_RULES = "obsdesign.rules"  # the one family whose leaves keep tables as they are, and have no angles
+_PACKAGES = (obsdesign.vehicles, obsdesign.sensors, obsdesign.paths, obsdesign.constraints, obsdesign.costs, obsdesign.rules)
+_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def family_of(package: ModuleType) -> Any:  # noqa: ANN401  # a type made at run time
-    """Return the union of a family's leaves, told apart by the key `kind`; rules keep tables as they are, and have no angles."""
-    rules = package is obsdesign.rules
+    """Return the type of a table that names one of a family's leaves under `kind`; only the leaf that is named is loaded."""
+    return Annotated[Any, _Family(package)]
 
-    def kind_of(table: Any) -> str | None:  # noqa: ANN401
-        """Return the kind that a table names."""
-        return table.get("kind") if isinstance(table, dict) else None
+
+def leaf_of(kind: str | int) -> type | None:
+    """Return the class that tables name under `kind`, None where there is none of that kind."""
+    return next((leaf(package, str(kind)) for package in _PACKAGES if kind in kinds(package)), None)
+
+
+@dataclass(frozen=True)
+class _Family:
+    """Reads a table into the leaf that it names, and describes all of them in a JSON Schema."""
+
+    package: ModuleType
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self._read)
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> _Json:
+        return handler(_union(self.package, kinds(self.package)).core_schema)
+
+    def _read(self, table: object) -> object:
+        kind, accepted = _kind_of(table), kinds(self.package)
+        if kind is None:
+            raise PydanticKnownError("union_tag_not_found", {"discriminator": "kind"})
+        if kind not in accepted:
+            raise PydanticKnownError("union_tag_invalid", {"discriminator": "kind", "tag": str(kind), "expected_tags": ", ".join(accepted)})
+        # as JSON, which it came from: what is strict takes arrays for tuples, and tables for records, from there alone
+        return _union(self.package, (kind,)).validate_json(json.dumps(table))
+
+
+@cache
+def _union(package: ModuleType, of: tuple[str, ...]) -> TypeAdapter[Any]:
+    """Return the union of a family's leaves of some kinds, told apart by the key `kind`."""
+    is_rules = package.__name__ == _RULES
 
     def without_kind(table: dict[str, Any]) -> dict[str, Any]:
         """Return the table's other keys, lists as tuples."""
-        return {key: _tuples(value, tables=rules) for key, value in table.items() if key != "kind"}
+        return {key: _tuples(value, tables=is_rules) for key, value in table.items() if key != "kind"}
 
     members = [
-        Annotated[LEAVES[kind], BeforeValidator(without_kind), _KindSchema(kind, angles=not rules), Tag(kind)] for kind in kinds(package)
+        Annotated[leaf(package, kind), BeforeValidator(without_kind), _KindSchema(kind, angles=not is_rules), Tag(kind)] for kind in of
     ]
-    # a second, empty tag: a union of one member is no union
-    return Annotated[Union[(*members, Annotated[None, Tag("")])], Discriminator(kind_of)]
+    # a last, empty tag: a union of one member is no union
+    union: Any = Annotated[Union[(*members, Annotated[None, Tag("")])], Discriminator(_kind_of)]
+    return TypeAdapter(union, config=_STRICT)
+
+
+def _kind_of(table: object) -> Any:  # noqa: ANN401
+    """Return the kind that a table names."""
+    return table.get("kind") if isinstance(table, dict) else None
 
 
 def flat_table(amount_key: str) -> tuple[Any, ...]:

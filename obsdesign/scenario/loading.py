@@ -17,7 +17,7 @@ from obsdesign.errors import ScenarioError
 from obsdesign.scenario.contradictions import find_contradictions
 from obsdesign.scenario.degrees import SUFFIX, in_radians, non_angles
 from obsdesign.scenario.key_lines import line_of
-from obsdesign.scenario.kind_tables import COST, LEAVES
+from obsdesign.scenario.kind_tables import COST, leaf_of
 from obsdesign.scenario.log_defaults import Landmarks, with_log_defaults
 from obsdesign.scenario.problem_text import (
     Location,
@@ -142,8 +142,8 @@ def _keys_at(location: Location) -> Sequence[str]:
     table: Any = Scenario
     beside: list[str] = []
     for part in location:
-        if part in LEAVES:
-            table = LEAVES[str(part)]
+        if (named := leaf_of(part)) is not None:
+            table = named
         elif not isinstance(part, int) and isinstance(table, type) and issubclass(table, BaseModel):
             beside = [key for key in table.model_fields if key != COST] if part == COST else []
             table = _table_in(table.model_fields[part].annotation)

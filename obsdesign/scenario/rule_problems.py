@@ -95,6 +95,8 @@ def _budget_problems(scenario: Scenario, rule: AbstractRule, terms: Terms) -> It
 
 def _combination_problems(scenario: Scenario, terms: list[Terms]) -> Iterator[Problem]:
     """Rules that leave a segment without any sensor, or a sensor without any use."""
+    if all(term.available is None and term.admissible is None for term in terms):
+        return
     import numpy as np
 
     settings, names = scenario.selection, scenario.sensor_names

@@ -10,10 +10,7 @@ from pydantic import ConfigDict, Field
 import obsdesign.criteria
 import obsdesign.sensors
 import obsdesign.vehicles
-from obsdesign.criteria.abstract import AbstractCriterion
 from obsdesign.families import leaf
-from obsdesign.noise_density import PerSpeed
-from obsdesign.rules.switching_cost import SwitchingCost
 from obsdesign.scenario.design_tables import CodesignTable, DesignTable
 from obsdesign.scenario.kind_tables import family_of, in_degrees_too
 from obsdesign.scenario.log_schema import require_unless_replayed
@@ -35,7 +32,9 @@ from obsdesign.sensors._corrections import system_states
 from obsdesign.sensors._group import distinct_names
 
 if TYPE_CHECKING:
+    from obsdesign.criteria.abstract import AbstractCriterion
     from obsdesign.dynamics.system import System
+    from obsdesign.noise_density import PerSpeed
     from obsdesign.prior import Prior
     from obsdesign.rules.abstract import AbstractRule
     from obsdesign.signals import Signal
@@ -135,12 +134,16 @@ class Scenario(ScenarioTable):
     @property
     def disturbance_psd(self) -> tuple[float, ...] | PerSpeed:
         """Power spectral density (n,) of the process noise, unit^2/s."""
+        from obsdesign.noise_density import PerSpeed
+
         at_rest, growing = zip(*(self._psd_of(name) for name in self.state_names), strict=True)
         return PerSpeed(growing, at_rest) if any(growing) else at_rest
 
     @property
     def input_psd(self) -> dict[str, float | PerSpeed]:
         """Power spectral density of the noise of known inputs, unit^2 s, for those that have any."""
+        from obsdesign.noise_density import PerSpeed
+
         psds = {name: self._psd_of(name) for name in self.process_noise if name not in self.state_names}
         return {name: PerSpeed(growing, at_rest) if growing else at_rest for name, (at_rest, growing) in psds.items() if growing or at_rest}
 
@@ -205,6 +208,8 @@ class Scenario(ScenarioTable):
 
     def rules_for(self, question: Question) -> tuple[AbstractRule, ...]:
         """Return the rules that count for a question: what switching costs is in the unit of the one that is asked."""
+        from obsdesign.rules.switching_cost import SwitchingCost
+
         is_asked = question == self.schedule_question
         return tuple(rule for rule in self.selection.rules if is_asked or not isinstance(rule, SwitchingCost))
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from obsdesign.checks import whole_multiple
-from obsdesign.costs.flight_time import FlightTime
 from obsdesign.errors import InputError
-from obsdesign.paths.abstract import Grid
+from obsdesign.paths.abstract import AbstractCheckablePath, Grid
 from obsdesign.scenario.problem_text import Problem
 from obsdesign.scenario.schema import Scenario
 
@@ -31,12 +30,14 @@ def find_time_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _path_problems(scenario: Scenario, duration: float) -> Iterator[Problem]:
-    if scenario.design.path is None:
+    path = scenario.design.path
+    if path is None:
         return
     names = tuple(signal.name for signal in scenario.vehicle.inputs)
     lower, upper = (tuple(scenario.design.bounds.get(name, (-1.0, 1.0))[side] for name in names) for side in (0, 1))
+    grid = Grid(names, lower, upper, round(duration / scenario.time.step), scenario.time.step)
     try:
-        scenario.design.path.box(Grid(names, lower, upper, round(duration / scenario.time.step), scenario.time.step))
+        path.require_suits(grid) if isinstance(path, AbstractCheckablePath) else path.box(grid)
     except InputError as error:
         yield Problem(("design", "path"), str(error))
 
@@ -56,6 +57,10 @@ def find_range_problems(scenario: Scenario) -> Iterator[Problem]:
             yield Problem(("design", "floor", "seconds"), f"is {seconds:g} s: must be at most the duration, {shortest:g} s")
         elif whole_multiple(seconds, time.step) is None:
             yield Problem(("design", "floor", "seconds"), f"is {seconds:g} s: must be a whole multiple of the step, {time.step:g} s")
+    if not design.budgets:
+        return
+    from obsdesign.costs.flight_time import FlightTime
+
     for i, budget in enumerate(design.budgets):
         if isinstance(budget.cost, FlightTime) and budget.at_most < shortest:
             yield Problem(("design", "budgets", i, "at_most"), f"is {budget.at_most:g} s: must be at least the duration, {shortest:g} s")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,8 @@ if TYPE_CHECKING:
 
 def check(options: Namespace) -> Outcome:
     """Read a scenario; raises ScenarioError that says all that is wrong with it."""
+    import tomllib
+
     from obsdesign.scenario.upgrades import upgrade_data
 
     file = scenario_file(options.scenario)
@@ -45,6 +46,8 @@ def _read(file: Path, landmarks: Path | None) -> tuple[Scenario, bool, tuple[str
 
 def _data_of(file: Path) -> dict[str, Any]:
     """Return what a file says, nothing where it cannot be read: the loader says why."""
+    import tomllib
+
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):

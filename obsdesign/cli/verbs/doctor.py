@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import platform
 from argparse import Namespace
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
-from importlib.util import find_spec
 from time import perf_counter
 
 from obsdesign import __version__
@@ -34,6 +31,8 @@ class Check:
 
 def doctor(_: Namespace) -> Outcome:
     """Look at versions, compiler, solvers and extras, and compute something whose answer is known."""
+    import platform
+
     checks = [*_packages(), _compiler(), *_solvers(), *_extras(), _known_truth()]
     ill = [check for check in checks if check.is_needed and not check.is_well]
     width = max(len(check.what) for check in checks)
@@ -51,6 +50,8 @@ def doctor(_: Namespace) -> Outcome:
 
 def _packages() -> list[Check]:
     """Every package that obsdesign is declared to need, and whether its version is one that it takes."""
+    from importlib.metadata import requires
+
     from packaging.requirements import Requirement
 
     needed = [Requirement(text) for text in requires("obsdesign") or ()]
@@ -58,6 +59,8 @@ def _packages() -> list[Check]:
 
 
 def _package(name: str, accepted: str) -> Check:
+    from importlib.metadata import PackageNotFoundError, version
+
     from packaging.specifiers import SpecifierSet
 
     try:
@@ -94,6 +97,9 @@ def _solvers() -> list[Check]:
 
 
 def _extras() -> list[Check]:
+    from importlib.metadata import version
+    from importlib.util import find_spec
+
     checks = []
     for module, package, extra, purpose in _EXTRAS:
         there = find_spec(module) is not None

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from obsdesign.cli.verb import QUIET, Argument, Outcome, Verb
 from obsdesign.exchange.words import AUTOPILOTS, FORMAT_WORDS
-from obsdesign.report.number_format import plain
 
 if TYPE_CHECKING:
     from obsdesign.exchange.export_result import Export
@@ -50,6 +49,8 @@ def export_document(done: Export) -> dict[str, object]:
 
 def export_lines(done: Export) -> tuple[str, ...]:
     """Return what was written, and what it costs, in words."""
+    from obsdesign.report.number_format import plain
+
     costs = () if done.thinned is None else (done.thinned.in_words,)
     return (f"Written: {', '.join(map(str, done.files))} ({plain(done.points)} points)", *costs, *done.notes)
 

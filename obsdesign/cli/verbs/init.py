@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import textwrap
 from argparse import Namespace
 from pathlib import Path
 
 from obsdesign.cli.verb import QUIET, Argument, Outcome, Verb
 from obsdesign.errors import InputError
-from obsdesign.files import write_files
 
 
 def init(options: Namespace) -> Outcome:
     """Write a scenario that runs, with comments, and the schema that editors complete from; or list the templates."""
+    import json
+
+    from obsdesign.files import write_files
     from obsdesign.scenario.schema import Scenario
     from obsdesign.scenario.starters import SCHEMA_FILE, starter_of, starters, text_to_edit
 
@@ -35,6 +35,8 @@ def init(options: Namespace) -> Outcome:
 
 
 def _indent(text: str) -> str:
+    import textwrap
+
     return textwrap.fill(text, 96, initial_indent="    ", subsequent_indent="    ")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from argparse import Namespace
 
 from obsdesign.cli.verb import Argument, Outcome, Verb
@@ -10,6 +9,8 @@ from obsdesign.cli.verb import Argument, Outcome, Verb
 
 def schema(options: Namespace) -> Outcome:
     """Return the JSON Schema of scenarios, of result.json or of replay.json."""
+    import json
+
     if options.document == "scenario":
         from obsdesign.scenario.schema import Scenario as Document
     elif options.document == "replay":
