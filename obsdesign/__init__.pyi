@@ -42,6 +42,8 @@ from .design.robust import Robust as Robust
 from .design.violation import Violation as Violation
 from .design.violation import ViolationKind as ViolationKind
 from .dynamics.control_affine import ControlAffineSystem as ControlAffineSystem
+from .dynamics.discrete_system import DiscreteSystem as DiscreteSystem
+from .dynamics.general_system import GeneralSystem as GeneralSystem
 from .dynamics.input_states import InputStates as InputStates
 from .dynamics.output_noise import OutputNoise as OutputNoise
 from .dynamics.simulation import simulate as simulate

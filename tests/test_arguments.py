@@ -24,6 +24,8 @@ CORNERS = ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))
 SYSTEM = od.System(od.Dubins(5.0), (od.GPS(1.0), od.Range(BEACON, 1.0)))
 GUSTY = od.System(od.Dubins(5.0, wind="unknown"), (od.GPS(1.0),))
 LINEAR = {"state": X, "names": ("a", "b"), "drift": ca.vertcat(X[1], 0), "known": {"u": ca.vertcat(0, 1)}, "outputs": {"y": X[0]}}
+U_INPUT, W_INPUT = ca.SX.sym("u"), ca.SX.sym("w")
+OWN = {"state": X, "names": ("a", "b"), "inputs": {"u": U_INPUT}, "outputs": {"y": X[0] + U_INPUT**2}}
 U = np.full((8, 1), 0.1)
 PATH, GUSTY_PATH = (od.simulate(system, [0.0, 0.0, 0.1], U, 0.5) for system in (SYSTEM, GUSTY))
 PRIOR = od.Prior(PATH.x[0], std=(10.0, 10.0, 0.1))
@@ -98,6 +100,8 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "CircleClearance": {"clearance": 1.0, "time_scale": 1.0},
     "OutputNoise": {"sigma": 0.1},
     "ControlAffineSystem": {**LINEAR, "unknown": {"w": ca.vertcat(1, 0)}, "sigmas": {"y": 2.0}, "angles": ("a",)},
+    "GeneralSystem": {**OWN, "rates": ca.vertcat(X[1] * W_INPUT, ca.sin(U_INPUT)), "unknown": {"w": W_INPUT}, "angles": ("a",)},
+    "DiscreteSystem": {**OWN, "next_state": ca.vertcat(X[1], X[0] + ca.sin(U_INPUT)), "period": 0.5, "sigmas": {"y": 2.0}},
     "Course": {"sigma": 0.1},
     "DesignProblem": PROBLEM,
     "Dubins": {"speed": 5.0},
@@ -277,7 +281,7 @@ def test_a_system_is_refused_by_the_name_of_what_is_wrong(case: str) -> None:
 def test_a_verdict_is_refused_by_the_name_of_what_is_wrong() -> None:
     system = od.ControlAffineSystem(**LINEAR)
     od.select_next(**ACCEPTED["select_next"])  # loads a system that is no public name
-    with pytest.raises(od.InputError, match=r"system is None: must be one of ControlAffineSystem, (InputStates, )?System"):
+    with pytest.raises(od.InputError, match=r"system is None: must be one of ControlAffineSystem, (\w+, )*System"):
         od.observability(None)  # pyright: ignore[reportArgumentType]
     with pytest.raises(od.InputError, match=r"held is \['u'\]: must be a dict from a text to a number"):
         od.observability(system, held=["u"])  # pyright: ignore[reportArgumentType]

@@ -14,8 +14,8 @@ import flint
 import pytest
 
 import obsdesign as od
-from obsdesign.analysis.equations import equations_of
 from obsdesign.analysis.evaluation_point import random_residues
+from obsdesign.analysis.model_equations import equations_of
 from obsdesign.analysis.modular_points import random_modular_point
 from obsdesign.rank.taylor import FlowArguments
 

@@ -9,9 +9,9 @@ import pytest
 from flint import arb, arb_mat
 
 import obsdesign as od
-from obsdesign.analysis.equations import equations_of
 from obsdesign.analysis.evaluation_point import random_points
 from obsdesign.analysis.experiments import Experiments
+from obsdesign.analysis.model_equations import equations_of
 from obsdesign.analysis.modular_points import random_modular_point
 from obsdesign.rank.pivoting import complement_of, holds_rank
 from obsdesign.rank.symbols import PRIME

@@ -29,10 +29,10 @@ from published.classics import (
 
 import obsdesign as od
 from obsdesign.analysis.autobracket_recursion import codistribution_sequence
-from obsdesign.analysis.equations import equations_of
 from obsdesign.analysis.evaluation_point import random_points
 from obsdesign.analysis.field_rescaling import rescale
 from obsdesign.analysis.lie_expressions import IndependenceTest
+from obsdesign.analysis.model_equations import equations_of
 from obsdesign.calculus import lie_derivative
 
 

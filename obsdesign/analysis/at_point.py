@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from obsdesign.analysis.engine_result import EngineResult, cut_after_growth, precision_text, zero_test_text
 from obsdesign.analysis.equations import Equations, with_input_states
-from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, random_fractions
+from obsdesign.analysis.evaluation_point import EvaluationPoint, random_fractions
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.field_rescaling import RescaledSystem, rescale
 from obsdesign.analysis.generic_rank import MAX_INPUT_DERIVATIVES, cap_if_known, without_idle_inputs, witness_point
@@ -38,7 +38,7 @@ _MAX_BIT_OPERATIONS = 4e9
 def analyse_at(equations: Equations, smooth: bool, point: EvaluationPoint, nearby: EngineResult, seed: int) -> EngineResult:
     """Return what is observable at the place; nearby: what is at generic states. Raises NoValueError where derivatives have no value."""
     if equations.known_fields and equations.unknown_fields and not smooth:
-        equations = without_idle_inputs(equations, SamplingRegion(equations.n_queried, seed, point))
+        equations = without_idle_inputs(equations, equations.region(seed, point))
     if not equations.unknown_fields:
         return _analyse_known_inputs(equations, point, seed)
     cap = _cap_if_known(equations, point, seed)
@@ -59,7 +59,7 @@ def analyse_jets_at(equations: Equations, smooth: bool, point: EvaluationPoint, 
 def _cap_if_known(equations: Equations, point: EvaluationPoint, seed: int) -> int:
     """Return the dimension at the place for somebody who knows the unknown inputs; n where that is not decided."""
     cap = _analyse_known_inputs(equations.with_all_inputs_known(), point, seed)
-    return cap.dimension if cap.is_decided else min(equations.n_queried, cap_if_known(equations, SamplingRegion(equations.n_queried, seed)))
+    return cap.dimension if cap.is_decided else min(equations.n_queried, cap_if_known(equations, equations.region(seed)))
 
 
 def _analyse_known_inputs(equations: Equations, point: EvaluationPoint, seed: int) -> EngineResult:
@@ -128,7 +128,7 @@ def _analyse_by_rescaling(equations: Equations, smooth: bool, point: EvaluationP
     """
     for level in range(MAX_INPUT_DERIVATIVES + 1):
         extended = with_input_states(equations, level) if level else equations
-        extended_point = EvaluationPoint((*random_fractions(extended.n_added, f"{seed} unknown inputs"), *point.state))
+        extended_point = EvaluationPoint((*random_fractions(extended.n_added - equations.n_added, f"{seed} unknown inputs"), *point.state))
         try:
             rescaled = _regular_rescaling(extended, smooth, extended_point, seed)
             result = _analyse_rescaled(rescaled, smooth, extended_point, cap, seed) if rescaled else None
@@ -175,7 +175,7 @@ def _regular_rescaling(equations: Equations, smooth: bool, point: EvaluationPoin
     if smooth and equations.known_fields:
         return RescaledSystem(equations, equations.outputs, equations.outputs).rescale_at(IndependenceTest(equations, point))
     try:
-        region = SamplingRegion(equations.n_queried, seed, EvaluationPoint(point.state[equations.n_added :]))
+        region = equations.region(seed, point)
         independence = IndependenceTest(equations, random_modular_point(equations, seed), witness_point(equations, region))
         rescaled = rescale(independence, everywhere=True)
         return rescaled.rescale_at(IndependenceTest(equations, point)) if rescaled else None

@@ -1,8 +1,8 @@
-"""A model as the analysis reads it: bare expressions whose constants are symbols with exact values."""
+"""What the analysis works on: bare expressions whose constants are symbols with exact values."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -11,13 +11,9 @@ from itertools import accumulate
 import casadi as ca
 import flint
 
-from obsdesign.analysis.evaluation_point import EvaluationPoint
-from obsdesign.checks import require_known
-from obsdesign.dynamics.model import Model
+from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, random_fractions
 from obsdesign.rank.balls import PRECISIONS
-from obsdesign.rank.decimal_reading import read_double
 from obsdesign.rank.elimination import values_at
-from obsdesign.rank.exact_constants import symbolise
 from obsdesign.rank.exact_numbers import ExactNumber, Number
 from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
 from obsdesign.rank.piecewise_functions import smooth_near
@@ -123,9 +119,17 @@ class Equations:
         """Drift and known fields, those that vanish left out."""
         return tuple(field for field in (self.drift, *self.known_fields) if not field.is_zero())
 
+    def place_of(self, point: EvaluationPoint, seed: int) -> EvaluationPoint:
+        """Return where a state (n - n_added,) is that was asked about, behind random added ones."""
+        return replace(point, state=(*random_fractions(self.n_added, f"{seed} extra"), *point.state)).relative_to(self.origin)
+
     def original_state(self, point: EvaluationPoint) -> EvaluationPoint:
         """Return the state that was asked about, of which the place is what these equations make."""
         return point.relative_to([-multiple_of_pi for multiple_of_pi in self.origin]) if self.origin else point
+
+    def region(self, seed: int, point: EvaluationPoint | None = None) -> SamplingRegion:
+        """Return where generic states are drawn that are asked about: anywhere, or near a place (n,)."""
+        return SamplingRegion(self.n_queried, seed, point and replace(point, state=point.state[self.n_added :]))
 
     def describe(self, point: EvaluationPoint) -> str:
         """Say where the place is."""
@@ -150,49 +154,6 @@ class Equations:
         )
 
 
-def equations_of(
-    model: Model,
-    held: Mapping[str, float] | None = None,
-    origin: Sequence[Fraction] | None = None,
-    reading: Callable[[float], ExactNumber] | None = None,
-) -> Equations:
-    """Return the model's equations with a symbol for every constant.
-
-    held: known inputs kept at a value, which joins the drift; origin (n,): the equations are those of the state less origin pi,
-    multiples of pi / 12, so that sine and cosine there are those of 0; reading: what a double stands for (None: what was meant).
-    """
-    held, reading = held or {}, reading or likely_value
-    require_known("held", tuple(held), model.input_names)
-    held_values = ca.SX.sym("held", len(held))
-    columns = {name: i for i, name in enumerate(model.input_names)}
-    n, q, m = model.x.numel(), len(model.outputs), len(model.inputs)
-    graph = symbolise(model.x, ca.vertcat(model.h, ca.vec(ca.horzcat(model.drift, model.B, model.G))), reading, origin)
-    fields = ca.horzsplit(ca.reshape(graph.expression[q:], n, -1))
-    return Equations(
-        x=model.x,
-        names=model.state_names,
-        constants=ca.vertcat(graph.constants, held_values),
-        values=(*graph.values, *(reading(float(value)) for value in held.values())),
-        drift=fields[0] + sum((fields[1 + columns[name]] * held_values[i] for i, name in enumerate(held)), ca.SX.zeros(n)),
-        known_fields=tuple(fields[1 + i] for name, i in columns.items() if name not in held),
-        unknown_fields=tuple(fields[m + 1 :]),
-        outputs=graph.expression[:q],
-        output_names=tuple(signal.name for signal in model.outputs),
-        origin=tuple(origin or ()),
-        readings=(*graph.readings, *((float(value), reading(float(value))) for value in held.values())),
-    )
-
-
-def likely_value(value: float) -> ExactNumber:
-    """Return what was meant by a double."""
-    return read_double(value).intended
-
-
-def literal_value(value: float) -> ExactNumber:
-    """Return what a double stands for as it stands, where it may be a rounded one."""
-    return read_double(value).literal
-
-
 def with_input_states(equations: Equations, levels: int) -> Equations:
     """Return the equations with w, w', ..., w^(levels - 1) as states before x, and w^(levels) as the unknown input."""
     p = len(equations.unknown_fields)
@@ -209,6 +170,6 @@ def with_input_states(equations: Equations, levels: int) -> Equations:
         drift=ca.vertcat(*input_jets[1:], ca.SX.zeros(p), rate),
         known_fields=tuple(ca.vertcat(zeros, field) for field in equations.known_fields),
         unknown_fields=tuple(ca.SX([float(row == highest_row + j) for row in range(n)]) for j in range(p)),
-        n_added=p * levels,
+        n_added=equations.n_added + p * levels,
         origin=(*[Fraction(0)] * (p * levels * bool(equations.origin)), *equations.origin),
     )

@@ -106,6 +106,12 @@ class SamplingRegion:
     seed: int
     centre: EvaluationPoint | None = None
 
+    def centre_behind(self, extra: int) -> EvaluationPoint:
+        """Return the centre (extra + n,) behind random entries. Raises ValueError where there is no centre."""
+        if self.centre is None:
+            raise ValueError("the region has no centre")
+        return replace(self.centre, state=(*random_fractions(extra, f"{self.seed} extra"), *self.centre.state))
+
     def points(self, extra: int = 0) -> Iterator[EvaluationPoint]:
         """Yield random states (extra + n,)."""
         if self.centre is None:

@@ -161,7 +161,7 @@ def _analyse_any_inputs(equations: Equations, cap: int, region: SamplingRegion) 
         extended = with_input_states(equations, level)
         result = _analyse_by_rescaling(extended, cap, region)
         if result and result.is_decided and result.dimension >= jets_bound.dimension:
-            return replace(result, point=EvaluationPoint(result.point.state[extended.n_added :]))
+            return replace(result, point=EvaluationPoint(result.point.state[extended.n_added - equations.n_added :]))
     return jets_result(equations, False, region, cap, patience=2 * equations.n + 2, row_cache=row_cache)
 
 

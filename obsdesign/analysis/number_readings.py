@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from obsdesign.analysis.engine_result import NEARLY_SINGULAR_PIVOT, EngineResult
-from obsdesign.analysis.equations import Equations, likely_value, literal_value
+from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint
 from obsdesign.analysis.experiments import Experiments
+from obsdesign.analysis.model_equations import likely_value, literal_value
 from obsdesign.analysis.rank_within_rounding import constants_within_rounding, neighbour_within_rounding, states_within_rounding
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.rank.exact_numbers import ExactNumber, Irrational, Number
@@ -61,7 +62,8 @@ def verdict_over_readings(query: AbstractQuery, point: EvaluationPoint | None, a
 
 def _check_neighbours(query: AbstractQuery, query_result: QueryResult, verdict: Verdict, at: Sequence[float], seed: int) -> Verdict:
     """Return the verdict with what is seen at a point within rounding, where that is another dimension."""
-    numbers = [*constants_within_rounding(query_result.equations), *states_within_rounding(at)]
+    first = query_result.equations.n_added
+    numbers = [*constants_within_rounding(query_result.equations), *(number.behind(first) for number in states_within_rounding(at))]
     if not numbers:
         return verdict
     result, n = query_result.result, verdict.null_space.shape[0]

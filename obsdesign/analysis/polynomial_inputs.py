@@ -6,11 +6,13 @@ Source: Belo, Salaris and Bicchi, 2010.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import casadi as ca
 
 from obsdesign.checks import require_count
 from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, moved_with
 from obsdesign.signals import Signal
 
 
@@ -29,20 +31,29 @@ class Polynomial:
 
 
 def augment(model: Model, degree: int) -> Model:
-    """Return the model with state (x, w, w', ..., w^(degree)), where w^(degree + 1) = 0, and without unknown inputs."""
-    p = len(model.unknown_inputs)
+    """Return the model with state (x, w, w', ..., w^(degree)), where w^(degree + 1) = 0, and without unknown inputs.
+
+    In a map from one instant to the next w', w'', ... are forward differences from step to step.
+    """
     levels = [[ca.SX.sym(_name(signal, level)) for signal in model.unknown_inputs] for level in range(degree + 1)]
     symbols = [ca.vertcat(*level) for level in levels]
-    n_added = p * (degree + 1)
     return replace(
         model,
         x=ca.vertcat(model.x, *symbols),
         states=model.states + tuple(Signal(_name(signal, level)) for level in range(degree + 1) for signal in model.unknown_inputs),
-        drift=ca.vertcat(model.drift + model.G @ symbols[0], *symbols[1:], ca.SX.zeros(p)),
-        B=ca.vertcat(model.B, ca.SX(n_added, model.B.shape[1])),
+        motion=_polynomial_motion(model, symbols),
         unknown_inputs=(),
-        G=ca.SX(model.x.numel() + n_added, 0),
     )
+
+
+def _polynomial_motion(model: Model, symbols: list[ca.SX]) -> AbstractMotion:
+    p, n_added = len(model.unknown_inputs), len(model.unknown_inputs) * len(symbols)
+    if model.is_affine:
+        drift = ca.vertcat(model.drift + model.G @ symbols[0], *symbols[1:], ca.SX.zeros(p))
+        return AffineMotion(drift, ca.vertcat(model.B, ca.SX(n_added, model.B.shape[1])), ca.SX(model.x.numel() + n_added, 0))
+    differences = [*(low + high for low, high in pairwise(symbols)), symbols[-1]]  # those of a polynomial of the number of the step
+    below = [*symbols[1:], ca.SX.zeros(p)] if model.period is None else differences
+    return moved_with(model.motion, inputs=(model.u, ca.SX(0, 1)), values=(model.u, symbols[0]), below=ca.vertcat(*below))
 
 
 def _name(signal: Signal, level: int) -> str:

@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike
 
 from obsdesign.analysis.at_point import analyse_at, analyse_jets_at
 from obsdesign.analysis.engine_result import EngineResult
-from obsdesign.analysis.equations import Equations, equations_of
+from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, origin_of, point_from, random_fractions
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.generic_rank import cap_if_known, generic_result
 from obsdesign.analysis.jets import jets_result
 from obsdesign.analysis.known_signals import with_signal_states
+from obsdesign.analysis.model_equations import equations_of
 from obsdesign.analysis.null_space_text import hidden_in_words
 from obsdesign.analysis.number_readings import AbstractQuery, QueryResult, readings_text, verdict_over_readings
 from obsdesign.analysis.polynomial_inputs import Polynomial, augment
@@ -120,13 +121,13 @@ class _ObservabilityQuery(AbstractQuery):
     def analyse(self, point: EvaluationPoint | None, reading: Callable[[float], ExactNumber]) -> QueryResult:
         """Return the verdict at the place, or at generic points; reading: what a constant of the model stands for."""
         equations = equations_of(self.augmented_model, self.held, origin_of(point) if point else None, reading)
-        relative_point = point.relative_to(equations.origin) if point else None
+        relative_point = equations.place_of(point, self.seed) if point else None
         return QueryResult(equations, relative_point, *self._results(equations, relative_point))
 
     def verdict(self, query_result: QueryResult) -> Verdict:
         """Return the verdict, with the one nearby where it is another."""
         equations, point, result, nearby = query_result.equations, query_result.point, query_result.result, query_result.nearby
-        state = equations.original_state(point).state if point else ()
+        state = equations.original_state(point).state[equations.n_added :] if point else ()
         readings = (*equations.readings, *zip(self.augmented_model.state_names, state, strict=bool(state)))
         is_singular = nearby is not None and not (result.is_decided and result.dimension == nearby.dimension)
         verdict = self._verdict_of(equations, result, is_given_point=point is not None, is_singular=is_singular)
@@ -138,7 +139,7 @@ class _ObservabilityQuery(AbstractQuery):
         if point:
             require_value(equations, point)
             Experiments(equations, point, 2, seed=self.seed).rank(2)  # raises where a derivative has no value
-        region = SamplingRegion(equations.n, self.seed, point)
+        region = equations.region(self.seed, point)
         equations = restrict_to_piece(equations, region)
         smooth = self.is_smooth
         if self.method == "jets":
@@ -167,7 +168,7 @@ class _ObservabilityQuery(AbstractQuery):
     ) -> Verdict:
         rank, r, states = result.rank, len(self.signals), self.augmented_model.state_names
         n, is_asked = len(states) - r, [name not in self.signals for name in states]
-        at = equations.original_state(result.point).midpoint
+        at = equations.original_state(result.point).midpoint[equations.n_added :]
         hidden = hidden_in_words(self.augmented_model, rank.null_basis, at, is_given_point=is_given_point, is_singular=is_singular)
         return Verdict(
             dimension=rank.rank - r,
@@ -184,8 +185,23 @@ class _ObservabilityQuery(AbstractQuery):
             at=at[is_asked],
             stopped_by=result.stopped_by,
             decided=result.is_decided,
-            proof=result.proof(n + r) + (f"; {r} of these are the known signals {', '.join(self.signals)}" if r else ""),
+            proof=_proof_of(equations, result, n + r) + _states_for_inputs(equations, self.signals),
         )
+
+
+def _proof_of(equations: Equations, result: EngineResult, n: int) -> str:
+    """The proof; with unknown inputs as states what is known at most are their rates."""
+    proof = result.proof(n)
+    return proof.replace("if the inputs are known", "if the rates of the unknown inputs are known") if equations.n_added else proof
+
+
+def _states_for_inputs(equations: Equations, signals: tuple[str, ...]) -> str:
+    """Say which inputs are states."""
+    known = f"; {len(signals)} of these are the known signals {', '.join(signals)}" if signals else ""
+    if not equations.n_added:
+        return known
+    w = ", ".join(equations.names[: equations.n_added])
+    return f"{known}; the unknown inputs {w} are further states, of which nothing is asked, and their rates unknown"
 
 
 def _jets_result(equations: Equations, smooth: bool, region: SamplingRegion, orders: int | None) -> EngineResult:

@@ -78,7 +78,7 @@ def restrict_to_piece(equations: Equations, region: SamplingRegion) -> Equations
     if not equations.has_pieces:
         return equations
     failure: NoValueError | None = None
-    for point in [region.centre] if region.centre else region.points(equations.n_added):
+    for point in [region.centre_behind(equations.n_added)] if region.centre else region.points(equations.n_added):
         try:
             require_value(equations, point)
             return equations.smooth_near(point.state)

@@ -26,6 +26,10 @@ class RoundedNumber:
     index: int
     distance: Fraction
 
+    def behind(self, count: int) -> RoundedNumber:
+        """Return the same entry of a state behind so many others."""
+        return replace(self, index=self.index + count)
+
 
 @dataclass(frozen=True)
 class Elimination:

@@ -80,7 +80,7 @@ def fastest_ground_speed(problem: DesignProblem) -> float | None:
     model, names = problem.system.model, problem.system.model.state_names
     if not {"x", "y"} <= set(names) or model.unknown_inputs:
         return None
-    rate = model.drift + model.B @ model.u
+    rate = model.undisturbed_rate
     ground = ca.vertcat(rate[names.index("x")], rate[names.index("y")])
     moving = [i for i, name in enumerate(names) if not rate[i].is_zero() and name != "heading"]
     if any(ca.depends_on(ground, model.x[i]) for i in moving):

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, moved_with
 
 if TYPE_CHECKING:
-    import casadi as ca
+    pass
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,8 @@ class InputFit:
 class CalibratedSystem(AbstractSystem):
     """A system whose sensors read scale h(x) + bias with other errors, and that moves by (u - bias) / scale where u is read.
 
-    xdot = g_0 + sum_i f_i (u_i - b_i) / s_i + sum_j g_j w_j. Sensors and inputs that are not named are as they were.
+    xdot = g_0 + sum_i f_i (u_i - b_i) / s_i + sum_j g_j w_j, and so in rates of any form. Sensors and
+    inputs that are not named are as they were.
     """
 
     system: AbstractSystem
@@ -54,21 +56,26 @@ class CalibratedSystem(AbstractSystem):
 
     def _build(self) -> Model:
         model = self.system.model
-        drift, B = _moved_by_readings(model, self.inputs)
         fits = {fit.name: fit for fit in self.sensors}
         channels = tuple(_channel_with(channel, fits[channel.name]) if channel.name in fits else channel for channel in model.channels)
-        return replace(model, drift=drift, B=B, channels=channels)
+        return replace(model, motion=_moved_by_readings(model, self.inputs), channels=channels)
 
 
-def _moved_by_readings(model: Model, inputs: tuple[InputFit, ...]) -> tuple[ca.SX, ca.SX]:
+def _moved_by_readings(model: Model, inputs: tuple[InputFit, ...]) -> AbstractMotion:
     import casadi as ca
 
+    if not model.is_affine:
+        u = ca.SX(model.u)  # a copy, of the same symbols
+        for fit in inputs:
+            place = model.input_names.index(fit.name)
+            u[place] = (u[place] - fit.bias) / fit.scale
+        return moved_with(model.motion, inputs=(model.u, model.w), values=(u, model.w), below=ca.SX(0, 1))
     drift, fields = model.drift, ca.horzsplit(model.B) if model.B.shape[1] else []
     for fit in inputs:
         place = model.input_names.index(fit.name)
         fields[place] = fields[place] / fit.scale
         drift = drift - fit.bias * fields[place]
-    return drift, ca.horzcat(*fields) if fields else model.B
+    return AffineMotion(drift, ca.horzcat(*fields) if fields else model.B, model.G)
 
 
 def _channel_with(channel: Channel, fit: SensorFit) -> Channel:

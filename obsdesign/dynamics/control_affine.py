@@ -11,6 +11,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known, require_positive
 from obsdesign.dynamics.expressions import abbreviate, as_expression, require_dependence, require_expression
 from obsdesign.dynamics.model import AbstractSystem, Channel, Model, columns
+from obsdesign.dynamics.motion import AffineMotion
 from obsdesign.dynamics.output_noise import OutputNoise, noise_from
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
@@ -184,11 +185,10 @@ class ControlAffineSystem(AbstractSystem):
         return Model(
             x=self.state,
             states=tuple(signals[name] for name in self.names),
-            drift=self.drift,  # pyright: ignore[reportArgumentType]  # __post_init__ replaced None by zeros
+            # __post_init__ replaced None by zeros
+            motion=AffineMotion(self.drift, columns(list(self._inputs.values()), n), columns(list(self.unknown.values()), n)),  # pyright: ignore[reportArgumentType]
             inputs=tuple(Signal(name) for name in self._inputs),
-            B=columns(list(self._inputs.values()), n),
             unknown_inputs=tuple(Signal(name) for name in self.unknown),
-            G=columns(list(self.unknown.values()), n),
             channels=tuple(self._channel(name) for name in self.outputs),
             u_of_outputs=ca.vertcat(*(self.signals.get(name, ca.SX.sym("unused")) for name in self._inputs)) if self.signals else None,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -12,6 +13,7 @@ import numpy as np
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_count, require_known, require_within
 from obsdesign.dynamics.model import AbstractSystem, Model, columns
+from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, moved_with
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
 
@@ -88,6 +90,17 @@ class InputStates(AbstractSystem):
 
         model = self.system.model
         w = [ca.SX.sym(signal.name) for signal in self._signals]
+        return replace(
+            model,
+            x=ca.vertcat(model.x, *w),
+            states=(*model.states, *self._signals),
+            motion=self._affine_motion(model, w) if model.is_affine else self._general_motion(model, w),
+            unknown_inputs=tuple(signal for signal in model.unknown_inputs if signal.name not in self.orders),
+        )
+
+    def _affine_motion(self, model: Model, w: list[ca.SX]) -> AffineMotion:
+        import casadi as ca
+
         first = _first_states(self.orders)
         names = [signal.name for signal in model.unknown_inputs]
         effect = sum((model.G[:, names.index(name)] * w[place] for name, place in first.items()), ca.SX.zeros(model.x.numel()))
@@ -95,15 +108,27 @@ class InputStates(AbstractSystem):
         rates = [ca.SX(0) if i in is_last else w[i + 1] for i in range(len(w))]
         rest = [i for i, name in enumerate(names) if name not in self.orders]
         below = ca.SX(len(w), 1)
-        return replace(
-            model,
-            x=ca.vertcat(model.x, *w),
-            states=(*model.states, *self._signals),
-            drift=ca.vertcat(model.drift + effect, *rates),
-            B=_padded(model.B, len(w)),
-            unknown_inputs=tuple(model.unknown_inputs[i] for i in rest),
-            G=columns([ca.vertcat(model.G[:, i], below) for i in rest], model.x.numel() + len(w)),
-        )
+        G = columns([ca.vertcat(model.G[:, i], below) for i in rest], model.x.numel() + len(w))
+        return AffineMotion(ca.vertcat(model.drift + effect, *rates), _padded(model.B, len(w)), G)
+
+    def _general_motion(self, model: Model, w: list[ca.SX]) -> AbstractMotion:
+        """The motion with w for the inputs that are states; of a map w(t + T) = sum_k w^(k) T^k / k!."""
+        import casadi as ca
+
+        first, names = _first_states(self.orders), [signal.name for signal in model.unknown_inputs]
+        chains = [w[place : place + order] for place, order in zip(first.values(), self.orders.values(), strict=True)]
+        T = model.period
+        below = [
+            (chain[i + 1] if i + 1 < len(chain) else ca.SX(0))
+            if T is None
+            else sum((value * T**k / math.factorial(k) for k, value in enumerate(chain[i:])), ca.SX(0))
+            for chain in chains
+            for i in range(len(chain))
+        ]
+        rest = ca.SX.sym("w", len(names) - len(first))
+        free = iter(ca.vertsplit(rest) if rest.numel() else [])
+        values = ca.vertcat(ca.SX(0, 1), *(w[first[name]] if name in first else next(free) for name in names))
+        return moved_with(model.motion, inputs=(model.u, rest), values=(model.u, values), below=ca.vertcat(ca.SX(0, 1), *below))
 
 
 def _first_states(orders: Mapping[str, int]) -> dict[str, int]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from obsdesign.checks import require_known
 from obsdesign.display import AbstractDisplay, Summary
+from obsdesign.dynamics.motion import AbstractMotion, AffineMotion
+from obsdesign.errors import InputError
 from obsdesign.signals import Point, Signal
 
 if TYPE_CHECKING:
@@ -85,9 +87,10 @@ class JointNoise:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """xdot = drift + B u + G w, y = h(x), as CasADi expressions of the state symbol x (n, 1).
+    """xdot = rate(x, u, w), or x(t + period) = F(x, u, w), and y = h(x), as CasADi expressions of the state symbol x (n, 1).
 
-    B (n, m) holds the fields of the known inputs, G (n, p) those of the unknown ones; S channels; u (m, 1), w (p, 1) symbols.
+    motion: affine in the inputs, xdot = drift + B u + G w, any rate, or a map; S channels; u (m, 1), w (p, 1) symbols of the known and
+    unknown inputs.
     joint: groups of channels whose errors are correlated with each other, no channel in two of them. is_per_step: whether time is
     counted in steps, the first known input being their length [s]; see `PerStepSystem`. u_of_outputs (m, 1): symbols that stand for u in
     the channels' h, None where no output contains inputs; those of a sample at t_k are held from then on.
@@ -95,11 +98,9 @@ class Model:
 
     x: ca.SX
     states: tuple[Signal, ...]
-    drift: ca.SX
+    motion: AbstractMotion
     inputs: tuple[Signal, ...]
-    B: ca.SX
     unknown_inputs: tuple[Signal, ...]
-    G: ca.SX
     channels: tuple[Channel, ...]
     joint: tuple[JointNoise, ...] = ()
     is_per_step: bool = False
@@ -113,10 +114,57 @@ class Model:
         # made once with the model: graphs of it that were built at different times fit together
         object.__setattr__(self, "u", ca.SX.sym("u", len(self.inputs)))
         object.__setattr__(self, "w", ca.SX.sym("w", len(self.unknown_inputs)))
+        object.__setattr__(self, "motion", self.motion.with_symbols(self.u, self.w))
         if self.u_of_outputs is not None:
             h = [ca.substitute(channel.h, self.u_of_outputs, self.u) for channel in self.channels]
             object.__setattr__(self, "channels", tuple(replace(each, h=value) for each, value in zip(self.channels, h, strict=True)))
             object.__setattr__(self, "u_of_outputs", self.u)
+
+    @property
+    def period(self) -> float | None:
+        """Length of a step [s] of a model that is a map from one instant to the next; None where time is continuous."""
+        return self.motion.period
+
+    @cached_property
+    def rate(self) -> ca.SX:
+        """xdot (n, 1), an expression of x, u, w. Raises InputError for a map."""
+        if self.period is not None:
+            raise InputError(f"the system is a map from one instant to the next, {self.period:g} s later: one in continuous time is needed")
+        return self.motion.at(self.u, self.w)
+
+    @cached_property
+    def undisturbed_rate(self) -> ca.SX:
+        """The rate with w = 0."""
+        import casadi as ca
+
+        if isinstance(self.motion, AffineMotion):
+            return self.motion.drift + self.motion.B @ self.u
+        return ca.substitute(self.rate, self.w, ca.SX.zeros(self.w.numel())) if self.unknown_inputs else self.rate
+
+    @property
+    def is_affine(self) -> bool:
+        """Whether the motion is written as fields, xdot = drift + B u + G w."""
+        return isinstance(self.motion, AffineMotion)
+
+    @cached_property
+    def fields(self) -> AffineMotion:
+        """drift, B and G. Raises InputError, which names the input, where the rate is not affine in the inputs."""
+        return self.motion.affine(self.state_names, (*self.input_names, *(signal.name for signal in self.unknown_inputs)))
+
+    @property
+    def drift(self) -> ca.SX:
+        """The rate (n, 1) without inputs, of rates that are affine in these."""
+        return self.fields.drift
+
+    @property
+    def B(self) -> ca.SX:
+        """The fields (n, m) of the known inputs, of rates that are affine in inputs."""
+        return self.fields.B
+
+    @property
+    def G(self) -> ca.SX:
+        """The fields (n, p) of the unknown inputs, of rates that are affine in inputs."""
+        return self.fields.G
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -178,10 +226,10 @@ class Model:
 
     @property
     def speed(self) -> ca.SX:
-        """|v| of the states x and y, as drift and known inputs move them [m/s]; the way of a step [m] where time is counted in steps."""
+        """|v| of the states x and y, as they move without disturbance [m/s]; the way of a step [m] where time is counted in steps."""
         import casadi as ca
 
-        rate = self.drift + self.B @ self.u
+        rate = self.undisturbed_rate
         # not 0: the root keeps a derivative there
         return ca.sqrt(ca.sumsqr(rate[[self.state_names.index(name) for name in ("x", "y")]]) + 1e-300)
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from obsdesign.checks import as_array, require_known, require_within
 from obsdesign.dynamics.model import AbstractSystem, Model
+from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, moved_with
 from obsdesign.errors import InputError
 from obsdesign.noise_density import DisturbancePsd, InputPsd, PerSpeed
 from obsdesign.signals import Signal
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     import casadi as ca
 
 CACHE_SIZE = 64
+_SHORTEST = 1e-150  # s, of a step: over none at all inputs move nothing
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,25 @@ class NoisyInputs(AbstractSystem):
 @lru_cache(CACHE_SIZE)
 def model_with_noisy_inputs(model: Model, names: tuple[str, ...]) -> Model:
     """Return the model with the noise of known inputs as unknown inputs behind its own; itself without any."""
-    import casadi as ca
 
     if not names:
         return model
     places = [model.input_names.index(name) for name in names]
     signals = tuple(Signal(f"noise of {model.inputs[i].name}", model.inputs[i].unit) for i in places)
-    return replace(model, unknown_inputs=(*model.unknown_inputs, *signals), G=ca.horzcat(model.G, *[model.B[:, i] for i in places]))
+    return replace(model, unknown_inputs=(*model.unknown_inputs, *signals), motion=_with_noise(model, places))
+
+
+def _with_noise(model: Model, places: list[int]) -> AbstractMotion:
+    """The motion with u + v for the inputs at these places, v further unknown inputs."""
+    import casadi as ca
+
+    if model.is_affine:
+        return AffineMotion(model.drift, model.B, ca.horzcat(model.G, *[model.B[:, i] for i in places]))
+    w, u = ca.SX.sym("w", model.w.numel() + len(places)), ca.SX(model.u)  # a copy, of the same symbols
+    for k, i in enumerate(places):
+        v = w[model.w.numel() + k]
+        u[i] += v / ca.fmax(model.u[0], _SHORTEST) if model.is_per_step else v  # v: the integral over a step
+    return moved_with(model.motion, inputs=(model.u, w), values=(u, w[: model.w.numel()]), below=ca.SX(0, 1))
 
 
 def noise_of(model: Model, disturbance_psd: DisturbancePsd, input_psd: InputPsd, step: float) -> ProcessNoise:

@@ -60,7 +60,7 @@ def _call(_: object, evaluate: Callable[[], None]) -> None:
 def quadrature_of(model: Model) -> Quadrature | None:
     """Return the bound of models whose rates depend on no state but those that held inputs alone move; None for others."""
     x = model.x
-    rate = ca.densify(model.drift + model.B @ model.u + model.G @ model.w)
+    rate = ca.densify(model.rate)
     by_inputs = [not ca.depends_on(rate[i], x) for i in range(x.numel())]
     input_driven = [i for i, is_by_inputs in enumerate(by_inputs) if is_by_inputs]
     others = [i for i, is_by_inputs in enumerate(by_inputs) if not is_by_inputs]

@@ -100,24 +100,41 @@ class Sensitivity:
 def step_of(model: Model, step: float, substeps: int = 1) -> Step:
     """Return one step of `step` seconds: `substeps` equal ones of RK4, or the exact one for more than one where rates are linear.
 
-    How many it takes for a tolerance is what `accuracy` finds out.
+    A model that is a map from one instant to the next is that. How many it takes for a tolerance is what `accuracy` finds out.
     """
+    if model.period is not None:
+        return map_step(model, step)
     exact = exact_step(model, step) if substeps > 1 else None
     return chain_steps(model, (step / substeps,) * substeps) if exact is None else exact
 
 
 @lru_cache(CACHE_SIZE)
+def map_step(model: Model, step: float) -> Step:
+    """Return x(t + step) of a model that is a map over its period, with inputs held; raise InputError for a step that is no multiple."""
+    count = whole_multiple(step, model.period or step)
+    if count is None:
+        raise InputError(f"step is {step!r}: the system is a map over {model.period:g} s, a step must be that or a whole multiple of it")
+    (x_next,) = without_repeats([ca.densify(model.motion.at(model.u, model.w))])
+    one = Step(model.x, model.u, model.w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, model.w))
+    return one if count == 1 else _chain(one, [_as_function(one)] * count)
+
+
+@lru_cache(CACHE_SIZE)
 def chain_steps(model: Model, lengths: tuple[float, ...]) -> Step:
     """Return RK4 steps of so many seconds one after the other: F = F_m ... F_1, and B_w likewise."""
-    u, w = model.u, model.w
     if len(lengths) == 1:
         return runge_kutta(model, lengths[0])
-    x, F, B_w = model.x, ca.SX.eye(model.x.numel()), ca.SX(model.x.numel(), w.numel())
     graphs = {length: _as_function(chain_steps(model, (length,))) for length in dict.fromkeys(lengths)}
-    for length in lengths:
-        x, F_part, B_part = graphs[length](x, u, w)
+    return _chain(chain_steps(model, lengths[:1]), [graphs[length] for length in lengths])
+
+
+def _chain(first: Step, graphs: list[ca.Function]) -> Step:
+    """Steps one after the other, of the symbols of the first."""
+    x, F, B_w = first.x, ca.SX.eye(first.x.numel()), ca.SX(first.x.numel(), first.w.numel())
+    for graph in graphs:
+        x, F_part, B_part = graph(x, first.u, first.w)
         F, B_w = F_part @ F, F_part @ B_w + B_part
-    return Step(model.x, u, w, ca.densify(x), F, B_w)
+    return Step(first.x, first.u, first.w, ca.densify(x), F, B_w)
 
 
 @lru_cache(CACHE_SIZE)
@@ -126,7 +143,7 @@ def looped_step(model: Model, step: float, substeps: int = 1) -> Step:
 
     z = (x, u, w, Phi, B): Phi+ = F Phi from the identity and B+ = F B + B_w from 0, F and B_w of one sub-step.
     """
-    if substeps == 1 or exact_step(model, step) is not None:
+    if substeps == 1 or model.period is not None or exact_step(model, step) is not None:
         return step_of(model, step, substeps)
     one = chain_steps(model, (step / substeps,))
     Phi, B = one.sensitivity, ca.SX.sym("B", _reached_by_inputs(one))
@@ -155,17 +172,13 @@ def _reached_by_inputs(step_graph: Step) -> ca.Sparsity:
 def runge_kutta(model: Model, length: float | ca.SX) -> Step:
     """Return one step of RK4, of a length [s] that may be a symbol."""
     u, w = model.u, model.w
-    rate = ca.Function("rate", [model.x, u, w], [_rate(model)])
+    rate = ca.Function("rate", [model.x, u, w], [model.rate])
     (x_next,) = without_repeats([ca.densify(rk4(lambda x: ca.SX(rate(x, u, w)), model.x, length))])
     return Step(model.x, u, w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, w))
 
 
 def _as_function(step_graph: Step) -> ca.Function:
     return ca.Function("one", [step_graph.x, step_graph.u, step_graph.w], [step_graph.x_next, step_graph.F, step_graph.B_w])
-
-
-def _rate(model: Model) -> ca.SX:
-    return model.drift + model.B @ model.u + model.G @ model.w
 
 
 @lru_cache(CACHE_SIZE)
@@ -176,13 +189,13 @@ def exact_step(model: Model, step: float) -> Step | None:
     reaches stay without a structure. Source: Van Loan (1978), IEEE Trans. Automat. Control 23, 395-404.
     """
     variables = ca.vertcat(model.x, model.u, model.w)
-    slope = ca.jacobian(_rate(model), variables)
+    slope = ca.jacobian(model.rate, variables)
     if ca.depends_on(slope, variables):
         return None
     from scipy.linalg import expm  # half a second to load, and few systems need it
 
     n, size = model.x.numel(), variables.numel()
-    constant = ca.substitute(_rate(model), variables, ca.SX.zeros(size))
+    constant = ca.substitute(model.rate, variables, ca.SX.zeros(size))
     M = np.zeros((size + 1, size + 1))
     M[:n] = ca.DM(ca.horzcat(slope, constant)).full()
     if not np.isfinite(M).all():

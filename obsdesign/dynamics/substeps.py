@@ -226,6 +226,8 @@ def substeps_from(
 
     starts (M, n); inputs u (N, m), or (M, N, m), each path its own, and w likewise, None = 0. Raises InputError as `substeps_for`.
     """
+    if model.period is not None:
+        return np.ones(len(starts), dtype=int)
     bound = quadrature_of(model)
     if bound is None:
         return None

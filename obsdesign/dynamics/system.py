@@ -13,6 +13,7 @@ import numpy as np
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import AbstractSystem, Channel, JointNoise, Model, Noise, columns
+from obsdesign.dynamics.motion import AffineMotion
 from obsdesign.errors import InputError
 from obsdesign.sensors._corrections import corrections_of, system_states
 from obsdesign.sensors._group import SensorGroup, distinct_names, sensor_groups
@@ -112,11 +113,11 @@ class System(AbstractSystem):
         model = Model(
             x=x,
             states=states,
-            drift=fields.drift,
+            motion=AffineMotion(
+                fields.drift, *(columns([column for _, column in pairs], len(states)) for pairs in (known_pairs, unknown_pairs))
+            ),
             inputs=tuple(signal for signal, _ in known_pairs),
-            B=columns([column for _, column in known_pairs], len(states)),
             unknown_inputs=tuple(signal for signal, _ in unknown_pairs),
-            G=columns([column for _, column in unknown_pairs], len(states)),
             channels=tuple(_channels(self, x, _rates(self, fields, known))),
             u_of_outputs=u if known_pairs else None,
             joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]

@@ -141,7 +141,7 @@ def _sigma_min(system: AbstractSystem, path: Trajectory, window: int | None, sca
 @lru_cache(CACHE_SIZE)
 def _circle_scan(model: Model, circle: Circle, orders: int) -> Scan:
     """At x and (u, w): residuals (K,), then |d^k (v_f, v_h)|, what rounding is measured against, and d^k omega (K,) each."""
-    names, field = model.state_names, model.drift + model.B @ model.u + model.G @ model.w
+    names, field = model.state_names, model.rate
     position = ca.vertcat(*(model.x[names.index(name)] for name in ("x", "y")))
     residual = ca.sumsqr(position - ca.SX(circle.centre)) - circle.radius**2
     results = [ca.vertcat(*_derivatives(residual, model.x, field, orders)), *_paper_terms(model, position, field, orders)]

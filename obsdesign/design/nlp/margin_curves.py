@@ -108,7 +108,7 @@ def margin_curves_of(model: Model, constraints: tuple[AbstractConstraint, ...]) 
     """Return the functions of a model's constraints."""
     instant, tau = moment_of(model), ca.SX.sym("tau")
     parts = [ca.SX(margin) for constraint in constraints for margin in constraint.margins(instant)]
-    column, drift = ca.vertcat(*parts) if parts else ca.SX(0, 1), model.drift + model.B @ model.u
+    column, drift = ca.vertcat(*parts) if parts else ca.SX(0, 1), model.undisturbed_rate
     rate, margins = ca.Function("rate", [model.x, model.u], [drift]), ca.Function("margins", [model.x, model.u], [column])
     x_tau = rk4(lambda x: ca.SX(rate(x, model.u)), model.x, tau)  # a symbol serves as well
     first = lie_derivative(column, model.x, drift)

@@ -85,7 +85,7 @@ def node_functions_of(
 
 def moment_of(model: Model) -> Moment:
     """Return the symbolic moment at (x, u), unknown inputs 0."""
-    rate = model.drift + model.B @ model.u
+    rate = model.undisturbed_rate
     return Moment(
         dict(zip(model.state_names, ca.vertsplit(model.x), strict=True)),
         dict(zip(model.state_names, ca.vertsplit(ca.densify(rate)), strict=True)),
@@ -101,7 +101,7 @@ def _mean_rate(model: Model, cost: AbstractCost, step: float, substeps: int) -> 
     (p!)^4 / ((2 p + 1) (2 p)!^3) h^2p max |d^2p rate / dt^2p|: for p = 5 and a rate that turns by w h in h seconds, 4e-13 (w h)^10 of it.
     """
     rate = ca.Function("cost", [model.x, model.u], [ca.SX(cost.rate(moment_of(model)))])
-    drift = ca.Function("rate", [model.x, model.u], [model.drift + model.B @ model.u])
+    drift = ca.Function("rate", [model.x, model.u], [model.undisturbed_rate])
     if not ca.depends_on(ca.SX(rate(model.x, model.u)), model.x):
         return ca.SX(rate(model.x, model.u))
     points, weights = np.polynomial.legendre.leggauss(_POINTS if substeps == 1 else _SUBSTEP_POINTS)
