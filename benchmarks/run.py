@@ -18,6 +18,7 @@ NAMES = (
     "filters",
     "logs",
     "files",
+    "startup",
     "fuzz",
 )
 
