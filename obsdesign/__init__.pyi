@@ -155,6 +155,9 @@ from .status import Status as Status
 from .study.record import Study as Study
 from .study.runner import run as run
 from .study.thinned_path import ThinnedPath as ThinnedPath
+from .sweeps.execution import sweep as sweep
+from .sweeps.sweep_record import Sweep as Sweep
+from .sweeps.sweep_record import SweepRun as SweepRun
 from .trajectory import Trajectory as Trajectory
 from .vehicles.dubins import Dubins as Dubins
 from .vehicles.omnidirectional import Omnidirectional as Omnidirectional

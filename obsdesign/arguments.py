@@ -167,7 +167,9 @@ def kind_of(hint: Any) -> Kind:  # noqa: ANN401  # an annotation
         return _table(*map(kind_of, inner))
     if inspect.isclass(origin) and issubclass(origin, Sequence):
         return _row(kind_of(inner[0]))
-    return _of_class(hint) if inspect.isclass(hint) else Kind(callable, "a function") if origin is Callable else _ANYTHING
+    return (
+        _of_class(hint) if inspect.isclass(hint) and hint is not Any else Kind(callable, "a function") if origin is Callable else _ANYTHING
+    )
 
 
 def _of_class(hint: type) -> Kind:

@@ -84,6 +84,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "path_of_estimate": {"system": SYSTEM, "log": LOG, "estimate": od.estimate_log(SYSTEM, LOG, PRIOR)},
     "replay": {"system": SYSTEM, "log": LOG, "prior": PRIOR, "restarts": 1},
     "validate": {**ALONG, "prior": PRIOR, "runs": 2},
+    "sweep": {"vary": {"seed": [0]}},
     "estimate_states": {"system": SYSTEM, "prior": PRIOR, "u": U, "y": np.ones((8, 3)), "dt": 0.5},
     "fit_floor": {"residuals": [[0.1, -0.2], [0.3]], "sigma": 0.1},
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},
@@ -215,7 +216,7 @@ RETURNED = (
         "Violation",
         "ViolationKind",
     ),
-    *("Study", "ThinnedPath", "UnobservableError", "Validation", "Verdict", "figures"),
+    *("Study", "Sweep", "SweepRun", "ThinnedPath", "UnobservableError", "Validation", "Verdict", "figures"),
 )
 
 
@@ -234,7 +235,7 @@ def test_every_public_name_is_looked_at() -> None:
     assert {*ACCEPTED, *RETURNED} >= set(od.__all__)
 
 
-@pytest.mark.parametrize("name", [name for name in ACCEPTED if name not in ("run", "write_report", "load_study")])
+@pytest.mark.parametrize("name", [name for name in ACCEPTED if name not in ("run", "sweep", "write_report", "load_study")])
 def test_wrong_arguments_are_refused_by_name_or_accepted(name: str) -> None:
     public, accepted = getattr(od, name), ACCEPTED[name]
     for parameter in inspect.signature(public).parameters:
@@ -248,12 +249,13 @@ def test_wrong_arguments_are_refused_by_name_or_accepted(name: str) -> None:
                 assert str(error)
 
 
-@pytest.mark.parametrize("name", ["run", "write_report"])
+@pytest.mark.parametrize("name", ["run", "sweep", "write_report"])
 @pytest.mark.parametrize("wrong", [None, 3, "word", {}, Odd()])
 def test_a_study_is_no_other_thing(name: str, wrong: object) -> None:
     with pytest.raises(od.InputError, match="must be a "):
         getattr(od, name)(
-            **{"folder": "nowhere"} if name == "write_report" else {}, **{"study" if name == "write_report" else "scenario": wrong}
+            **{"folder": "nowhere"} if name == "write_report" else ACCEPTED[name] if name == "sweep" else {},
+            **{"study" if name == "write_report" else "scenario": wrong},
         )
 
 

@@ -64,6 +64,7 @@ def _add_argument(parser: argparse.ArgumentParser, argument: Argument) -> None:
     is_option = argument.name.startswith("-")
     action = parser.add_argument(
         argument.name,
+        action="append" if argument.may_repeat else "store",
         help=argument.what,
         type=argument.read,
         default=argument.default,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, compare, design, doctor, export, init, log, replay, report, run, schema, select, validate
+from obsdesign.cli.verbs import check, compare, design, doctor, export, init, log, replay, report, run, schema, select, sweep, validate
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
@@ -15,6 +15,7 @@ VERBS: tuple[Verb, ...] = (
     validate.VERB,
     log.VERB,
     replay.VERB,
+    sweep.VERB,
     compare.VERB,
     export.VERB,
     report.VERB,

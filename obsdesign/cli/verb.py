@@ -31,7 +31,7 @@ class Argument:
     """One argument of a verb: a positional one without dashes in its name, an option with them.
 
     read: turns the text into a value. completes: what a shell offers. may_miss: whether a positional one may be left out.
-    is_flag: an option without a value. variable: how help writes an option's value.
+    is_flag: an option without a value. may_repeat: whether an option's values are a list. variable: how help writes an option's value.
     """
 
     name: str
@@ -43,6 +43,7 @@ class Argument:
     may_miss: bool = False
     is_required: bool = False
     is_flag: bool = False
+    may_repeat: bool = False
     variable: str | None = None
 
 

@@ -77,19 +77,31 @@ def _load(file: Path, has_path: bool, landmarks: Landmarks | None = None) -> Sce
     return _parse(text, file, has_path, landmarks)
 
 
+def scenario_from_data(data: dict[str, Any], file: str, digest: str) -> Scenario:
+    """Check what TOML read of a scenario, of which some values were set since; it has no text. See load_scenario.
+
+    digest: what stands for the sha256 of its file.
+    """
+    return _check(data, {"file": file, "digest": digest, "source": ""}, has_path=False)
+
+
 def _parse(text: str, file: Path, has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
+    return _check(data, {"file": str(file), "digest": hashlib.sha256(text.encode()).hexdigest(), "source": text}, has_path, landmarks)
+
+
+def _check(data: dict[str, Any], internal: dict[str, str], has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
+    """Return the scenario of TOML data; internal: what the record says of its file. Raises ScenarioError with all that is wrong."""
     has_log = landmarks is not None or "replay" in data
     upgrade = upgrade_data(with_log_defaults(data, landmarks or {}) if has_log else data)
     reserved_keys = [unknown_key((key,), key, _keys_at(())) for key in _INTERNAL_FIELDS if key in data]
-    internal = {"file": str(file), "digest": hashlib.sha256(text.encode()).hexdigest(), "source": text}
     scenario, problems = _validate(upgrade.data, internal, has_path or has_log)
     problems = [*upgrade.problems, *reserved_keys, *problems]
     if scenario is None or problems:
-        raise _error(file, text, data, problems)
+        raise _error(Path(internal["file"]), internal["source"], data, problems)
     return scenario
 
 
@@ -120,14 +132,19 @@ def _validate(data: dict[str, Any], internal: dict[str, str], has_path: bool) ->
         return None, oversized
     try:
         # strict JSON mode: arrays become tuples, nothing else is converted
-        text = json.dumps({**in_radians(data), **internal}, default=str)
+        text = json.dumps({**in_radians(data), **_as_written(data), **internal}, default=str)
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         told = [detail for detail in error.errors() if not (of_another_type(detail, data) or of_a_part(detail, data))]
         return None, [describe_error(detail, data, _keys_at) for detail in told]
-    wrong = [Problem(location, _no_angle_message(location)) for location in non_angles(data, scenario)]
+    wrong = [Problem(location, _no_angle_message(location)) for location in non_angles({**data, "sweep": {}}, scenario)]
     contradictions = [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path)]
     return scenario, wrong + contradictions
+
+
+def _as_written(data: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables whose keys are those of others: in which unit, that they say themselves."""
+    return {key: data[key] for key in ("sweep",) if key in data}
 
 
 def _no_angle_message(location: Location) -> str:

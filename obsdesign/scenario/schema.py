@@ -25,6 +25,7 @@ from obsdesign.scenario.tables import (
     PlaceTable,
     ReplayTable,
     ScenarioTable,
+    SweepTable,
     Time,
     ValidationTable,
 )
@@ -86,6 +87,8 @@ class Scenario(ScenarioTable):
     """A flight with the filter in the loop; None = not asked for."""
     replay: ReplayTable = Field(default_factory=ReplayTable)
     """How a log is replayed; a file that has this table needs no [design], [start] and [time]."""
+    sweep: SweepTable | None = None
+    """What a sweep of it varies; None = nothing."""
     expected: tuple[Expected, ...] = ()
     """Known truths that the result is compared with."""
     file: str = Field(default="", exclude=True, description="where it was read; set by load_scenario")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from math import pi
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from obsdesign.scenario.log_schema import without_times
 
@@ -125,6 +125,25 @@ class ReplayTable(ScenarioTable):
     )
     topics: str = Field(default="", description="TOML file, beside the scenario, that says which topics and fields the log's file are what")
     schedule: bool = Field(default=True, description="choose sensors as well: selection.per_segment for time.segment each")
+
+
+def _join_keys(value: Any, prefix: str = "") -> Any:  # noqa: ANN401  # whatever TOML can hold
+    """Return tables within tables as one, whose keys are joined by dots: `sensors.gps.sigma` needs no quotes in a file."""
+    if not isinstance(value, dict):
+        return {prefix: tuple(value) if isinstance(value, list) else value}
+    return {key: item for name, part in value.items() for key, item in _join_keys(part, f"{prefix}.{name}" if prefix else name).items()}
+
+
+class SweepTable(ScenarioTable):
+    """What `obsdesign sweep` varies: every combination of the values of all keys is run."""
+
+    vary: Annotated[
+        dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]], BeforeValidator(_join_keys), WithJsonSchema({"type": "object"})
+    ] = Field(
+        min_length=1,
+        description="values by key; a key is a path of names joined by dots, a sensor under its name: sensors.gps.sigma = [1, 2]; "
+        "sensors: lists of those that stay",
+    )
 
 
 class Expected(ScenarioTable):

@@ -1,0 +1,1 @@
+"""Many studies of one scenario whose keys are varied."""
