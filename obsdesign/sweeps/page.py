@@ -81,13 +81,17 @@ def _pictures(sweep: Sweep, panels: dict[str, Panel]) -> Iterator[Section]:
 
 def competing(panels: dict[str, Panel]) -> Iterator[tuple[str, str]]:
     """Yield pairs of numbers that tend to be better where the other is worse, and of which no run has the best of both."""
-    from scipy.stats import spearmanr
+    from scipy.stats import rankdata
 
     for first, second in combinations(panels, 2):
         gains = np.stack([sense(key) * panels[key].values for key in (first, second)])
         gains = gains[:, np.isfinite(gains).all(axis=0)]
         is_constant = (np.ptp(gains, axis=1) == 0).any() if gains.size else True
-        if not is_constant and spearmanr(*gains).statistic < 0 and not (gains == gains.max(axis=1)[:, None]).all(axis=0).any():
+        if (
+            not is_constant
+            and np.sum(np.prod([rankdata(row) - (len(row) + 1) / 2 for row in gains], axis=0)) < 0
+            and not (gains == gains.max(axis=1)[:, None]).all(axis=0).any()
+        ):
             yield first, second
 
 
