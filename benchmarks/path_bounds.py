@@ -98,7 +98,8 @@ def random_mission(seed: int) -> od.DesignProblem:
     way = speed * duration
     goal = wind * duration + random.uniform(0.2, 0.8) * way * _direction(random)
     limits: list[od.Goal | od.KeepOut] = [od.Goal(tuple(goal), tolerance=0.03 * way)] if random.uniform() < 0.8 else []
-    limits += [od.KeepOut(tuple(goal / 2), radius=0.05 * way)] if random.uniform() < 0.5 else []
+    has_obstacle = random.uniform() < 0.5 and float(np.linalg.norm(goal)) / 2 > 0.05 * way  # the start is outside of it
+    limits += [od.KeepOut(tuple(goal / 2), radius=0.05 * way)] if has_obstacle else []
     return od.DesignProblem(
         system=od.System(od.Dubins(speed, wind="constant"), (od.GPS(float(np.exp(random.uniform(-1, 1)) * speed)),)),
         start=(0.0, 0.0, float(random.uniform(-3, 3)), *wind),

@@ -460,6 +460,36 @@ def curvature_in_newton(A: np.ndarray, D: np.ndarray, Z: np.ndarray, tangent: np
     return -np.linalg.inv(answers) - 40 * np.eye(tangent.shape[1])
 
 
+@pytest.mark.parametrize("judged", [5, 3])
+@pytest.mark.parametrize("multiplicity", [1, 2])
+def test_newtons_step_is_quadratic_where_vectors_are_those_of_where_it_leads(multiplicity: int, judged: int):
+    """At a distance s from the optimum of weight t + g'd - d'H d / 2, M(d) >= t E, with its multipliers, the step errs by O(s^2).
+
+    The optimum is built: M(0) - E = A has zeros along U, Z = U Z_u U' with the trace of 1, g = -(<Z, D_i>), M = E + A + sum d_i D_i.
+    """
+    random = np.random.default_rng(10 * judged + multiplicity)
+    A, U, D = cone_with(multiplicity, judged)
+    A = A - np.eye(5)
+    E = np.diag((np.arange(5) < judged).astype(float))
+    Z = U @ np.diag(1.0 + np.arange(multiplicity)) @ U.T
+    Z /= np.sum(Z * E)
+    q, v, H = len(D), random.standard_normal(len(D)), 50 * np.eye(len(D))
+    g, none = np.einsum("ij,qij->q", Z, D), np.zeros((0, len(D)))
+
+    def error(s: float) -> float:
+        begin = -s * v  # the optimum is s v away; the objective's slope is g + H d
+        cone = ActiveCone(E + A + np.tensordot(begin, D, 1), D, E, 0, Z)
+        system = KKTSystem(
+            H, g + H @ begin, np.ones(1), (cone,), np.zeros(0), none, np.zeros(0), none, np.zeros(q, dtype=bool), np.zeros(q)
+        )
+        d = newton_step(system)
+        assert d is not None
+        return float(np.linalg.norm(d - s * v))
+
+    errors = np.array([error(s) for s in (4e-3, 2e-3, 1e-3)])
+    assert (errors[1:] <= errors[:-1] / 3.6 + 1e-12).all()  # halved: a quarter
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_newtons_step_knows_how_a_simple_smallest_eigenvalue_bends(seed: int):
     """Its curvature is minus the Hessian of lambda_min, here by differences, times the multiplier."""

@@ -40,56 +40,87 @@ class KKTSystem:
 
 def newton_step(system: KKTSystem) -> np.ndarray | None:
     """Return d (q,), or None where the equations have no unique solution."""
-    q, T = len(system.g), len(system.weights)
-    H, equations, right_side = system.H.copy(), [], []
-    for cone in system.cones:
-        curvature, jacobian, epigraph_slopes, values = _cone_equations(cone, T)
-        H += curvature
-        equations.append(np.hstack([jacobian, epigraph_slopes]))
-        right_side.append(-values)
-    equations.append(np.hstack([system.jacobian, np.zeros((len(system.rows), T))]))
-    right_side.append(-system.rows)
-    if len(system.epigraph_rows):
-        equations.append(np.hstack([system.epigraph_jacobian, -np.ones((len(system.epigraph_rows), T))]))
-        right_side.append(-system.epigraph_rows)
-    A, b = np.vstack(equations), np.concatenate(right_side)
-    fixed = np.where(system.at_bound, system.d, 0.0)
-    free = np.append(~system.at_bound, np.ones(T, dtype=bool))
-    g = np.concatenate([system.g + H @ fixed, -system.weights])
-    b = b - A[:, :q] @ fixed
-    hessian = np.zeros((q + T, q + T))
-    hessian[:q, :q] = H
-    A, free_count = A[:, free], int(free.sum())
-    K = np.block([[hessian[np.ix_(free, free)], A.T], [A, np.zeros((len(A), len(A)))]])
     try:
-        solution = np.linalg.solve(K, np.concatenate([-g[free], b]))
+        d = _solve(system, *_equations(system))
     except np.linalg.LinAlgError:
         return None
-    d = fixed.copy()
-    d[~system.at_bound] = solution[: free_count - T]
     return d if np.isfinite(d).all() else None
 
 
-def _cone_equations(cone: ActiveCone, T: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the curvature (q, q) of the cone's edge, and the equations U'(A + sum d_i D_i - t E) U = 0: slopes to d and t, values.
+def _equations(system: KKTSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the Hessian (q + T, q + T) to (d, t) with that of the cones' edges, and A, b of what is active: b + A (d, t - levels) = 0."""
+    q, T = len(system.g), len(system.weights)
+    levels = _levels(system.cones, T)
+    hessian, rows, values = np.zeros((q + T, q + T)), [], []
+    hessian[:q, :q] = system.H
+    for cone in system.cones:
+        curvature, slopes, edge_values = _cone_equations(cone, levels)
+        hessian += curvature
+        rows.append(slopes)
+        values.append(edge_values)
+    limits, epigraphs = len(system.rows), len(system.epigraph_rows)
+    plain = np.zeros((limits + epigraphs, q + T))
+    plain[:limits, :q], plain[limits:, :q] = system.jacobian, system.epigraph_jacobian
+    plain[limits:, q:] = -1.0
+    b = np.concatenate([*values, system.rows, system.epigraph_rows - levels[:1].sum()])
+    return hessian, np.vstack([*rows, plain]), b
 
-    The edge bends: 2 tr(Z D S^+ D) with S = A - t E and its eigenvectors apart from U.
+
+def _solve(system: KKTSystem, hessian: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return d (q,): what is at its bound stays there."""
+    T = len(system.weights)
+    d = np.where(system.at_bound, system.d, 0.0)
+    fixed, free = np.append(d, np.zeros(T)), np.flatnonzero(np.append(~system.at_bound, np.ones(T, dtype=bool)))
+    g = np.append(system.g, -system.weights) + hessian @ fixed
+    count, size = len(free), len(free) + len(A)
+    K, right_side = np.zeros((size, size)), np.empty(size)
+    K[:count, :count], K[count:, :count] = hessian[np.ix_(free, free)], A[:, free]
+    K[:count, count:] = K[count:, :count].T
+    right_side[:count], right_side[count:] = -g[free], -b - A @ fixed
+    d[~system.at_bound] = np.linalg.solve(K, right_side)[: count - T]
+    return d
+
+
+def _levels(cones: Sequence[ActiveCone], T: int) -> np.ndarray:
+    """Return what each t (T,) is at d = 0 by the multipliers: <Z, A> / <Z, E>, of all cones that bound it."""
+    values, weights = np.zeros(T), np.zeros(T)
+    for cone in cones:
+        if cone.epigraph_index is not None:
+            values[cone.epigraph_index] += np.sum(cone.Z * cone.A)
+            weights[cone.epigraph_index] += np.sum(cone.Z * cone.E)
+    return values / np.where(weights > 0, weights, 1.0)
+
+
+def _cone_equations(cone: ActiveCone, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return curvature (q + T, q + T), slopes (., q + T) and values of the equations of a cone's edge.
+
+    With x = (d, t - levels) and M = A - levels E + sum x_i D_i, D_i = -E of a t, the matrix has as many zeros as U has columns where
+
+        U'M U - U'M V (V'M V)^-1 V'M U = 0,   V the vectors apart from U (Schur complement)
+
+    here to second order in x, U'M V being small: the vectors are those of where the model's solution leads to, not of x = 0.
     """
-    q = len(cone.D)
+    D = _slopes(cone, len(levels))
     values, vectors = np.linalg.eigh(cone.Z)
-    U = vectors[:, values > 1e-3 * max(values[-1], 1e-300)]
-    t = 0.0 if cone.epigraph_index is None else float(np.sum(cone.Z * cone.A) / max(float(np.sum(cone.Z * cone.E)), 1e-300))
-    S = cone.A - t * cone.E
-    V = np.linalg.svd(U, full_matrices=True)[0][:, U.shape[1] :]
-    curvature = np.zeros((q, q))
+    is_active = values > 1e-3 * max(values[-1], 1e-300)
+    U, V = vectors[:, is_active], vectors[:, ~is_active]
+    S = cone.A if cone.epigraph_index is None else cone.A - levels[cone.epigraph_index] * cone.E
+    UD = U.T @ D
+    edge_values, edge_slopes, curvature = U.T @ S @ U, UD @ U, np.zeros((len(D), len(D)))
     if V.shape[1]:
-        R = U.T @ cone.D @ V
-        inner = np.linalg.inv(V.T @ S @ V)
+        R, cross, inner = UD @ V, U.T @ S @ V, np.linalg.inv(V.T @ S @ V)
+        bent = R @ (inner @ cross.T)
+        edge_values, edge_slopes = edge_values - cross @ inner @ cross.T, edge_slopes - bent - bent.swapaxes(1, 2)
         weighted = (U.T @ cone.Z @ U) @ R @ inner
-        curvature = 2 * R.reshape(q, -1) @ weighted.reshape(q, -1).T
+        curvature = 2 * R.reshape(len(D), -1) @ weighted.reshape(len(D), -1).T
     rows, columns = np.tril_indices(U.shape[1])
-    jacobian = (U.T @ cone.D @ U)[:, rows, columns].T
-    epigraph_slopes = np.zeros((len(rows), T))
+    return curvature, edge_slopes[:, rows, columns].T, edge_values[rows, columns]
+
+
+def _slopes(cone: ActiveCone, T: int) -> np.ndarray:
+    """Return the cone's slopes (q + T, n, n) to d and t."""
+    D = np.zeros((len(cone.D) + T, *cone.E.shape))
+    D[: len(cone.D)] = cone.D
     if cone.epigraph_index is not None:
-        epigraph_slopes[:, cone.epigraph_index] = -(U.T @ cone.E @ U)[rows, columns]
-    return curvature, jacobian, epigraph_slopes, (U.T @ cone.A @ U)[rows, columns]
+        D[len(cone.D) + cone.epigraph_index] = -cone.E
+    return D

@@ -149,6 +149,8 @@ def _take_step(merit_function: MeritFunction, state: SolverState, tolerance: flo
             accepted = replace(state, iterate=trial, at_bound=at_bound, radius=radius, derivatives=None)
             return _StepOutcome(accepted, True, predicted_reduction, True)
         state = replace(state, radius=0.35 * min(step_length, state.radius))
+        # multipliers that the refused step has shown say how limits bend that were not active before
+        model = build_model(merit_function, state.iterate, derivatives, state.multipliers, at_bound, state.scaling)
     return _StepOutcome(state, False, predicted_reduction, is_solved)
 
 
