@@ -9,8 +9,9 @@ import pytest
 import obsdesign as od
 from obsdesign.calibration import from_log
 from obsdesign.calibration.likelihood import FilterRows, LogLikelihood
+from obsdesign.calibration.maximum import most_likely
 from obsdesign.calibration.parameters import Parameter, Quantity, Values, driven_states, sensor_parameters
-from obsdesign.calibration.truth_residuals import correlation_of
+from obsdesign.calibration.truth_residuals import correlation_of, told_of_size
 from obsdesign.logs.events import events_of
 
 BEACONS = {"a": (0.0, 0.0), "b": (40.0, 5.0), "c": (15.0, 35.0)}
@@ -105,6 +106,48 @@ def test_a_filter_with_what_was_found_is_as_good_as_one_that_knows():
     knows = rms_error(run, knowing, input_psd={"speed": 0.02, "turn_rate": 4e-4})
     assert rms_error(run, fit.system, **psds_of(fit)) < 1.1 * knows
     assert rms_error(run, stated(), disturbance_psd=(0.1, 0.1, 0.01)) > 1.5 * knows
+
+
+def with_outliers(run: Drive, share: float, seed: int) -> Drive:
+    """The drive with some ranges off by 10 to 100 standard deviations."""
+    random, samples = np.random.default_rng(1000 + seed), run.log.samples
+    jumps = np.array([0.2, 0.4, 0.3])[samples.sensor] * random.uniform(10, 100, len(samples.t)) * random.choice([-1, 1], len(samples.t))
+    y = samples.y + np.where(random.random(len(samples.t)) < share, jumps, 0.0)[:, None]
+    return Drive(od.Log(run.log.inputs, od.LogSamples(samples.names, samples.t, samples.sensor, y), run.log.truth), run.prior)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "has_truth"), [(0.0, False), (0.05, False), (0.1, False), (0.05, True)])
+def test_intervals_hold_95_percent_with_outliers_as_without(share: float, has_truth: bool):
+    """15 numbers of 60 short logs, which tell of each barely: 95 %, less what psds of ten stretches lack to be normal."""
+    held = []
+    for seed in range(60):
+        run = with_outliers(drive(seed, seconds=100.0), share, seed)
+        fit = od.calibrate(stated(), run.log if has_truth else without_truth(run.log), run.prior)
+        held += [fit.number(name).low <= value <= fit.number(name).high for name, value in TRUE.items()]
+    assert np.mean(held) >= 0.9
+
+
+def test_an_outlier_is_no_error_like_any():
+    """One range in 50 s is 30 m off: the filter with what was found is as good as the one with what is found without that range."""
+    run = drive(2, seconds=50.0, bias=0.0, scale=1.0)
+    samples, y = run.log.samples, run.log.samples.y.copy()
+    y[60] += 30.0
+    spoilt = od.Log(run.log.inputs, od.LogSamples(samples.names, samples.t, samples.sensor, y))
+    rest = od.Log(run.log.inputs, samples.where(np.arange(len(y)) != 60))
+    fit, expected = (od.calibrate(stated(), log, run.prior) for log in (spoilt, rest))
+    assert fit.number("sigma of a, b, c").value == pytest.approx(expected.number("sigma of a, b, c").value, rel=1e-2)
+    gated = od.ExtendedKalmanFilter(gate=od.Gate())
+    whole = od.Log(spoilt.inputs, spoilt.samples, run.log.truth)
+    assert rms_error(Drive(whole, run.prior), fit.system, estimator=gated, **psds_of(fit)) < 1.0
+
+
+def test_a_tenth_of_outliers_makes_no_standard_deviation_larger():
+    random = np.random.default_rng(3)
+    errors = 0.5 * random.standard_normal(20_000)
+    errors[:2000] += random.uniform(10, 100, 2000)
+    told = told_of_size(Parameter(Quantity.SIGMA, "a", (0,), 1.0, 1.0), [errors])[0]
+    assert told.low < 0.5 < told.high
 
 
 def psds_of(fit: od.Calibration) -> dict[str, object]:
@@ -292,6 +335,25 @@ def test_the_likelihood_of_innovations_is_that_of_all_samples_at_once():
         steps = 1e-5 * np.eye(6)
         slope = [(joint_density(likelihood, z + step) - joint_density(likelihood, z - step)) / 2e-5 for step in steps]
         np.testing.assert_allclose(point.slope, slope, rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.parametrize("corrections", [(), (Quantity.BIAS,), (Quantity.BIAS, Quantity.SCALE)])
+def test_what_biases_explain_by_chance_is_not_taken_for_smaller_errors(corrections: tuple[Quantity, ...]):
+    """Of a line of p numbers through N points: sigma^2 is the squares of what is left over N - p, log sigma has 2 (N - p)."""
+    x = ca.SX.sym("x", 1)
+    system = od.ControlAffineSystem(
+        state=x, names=("p",), drift=ca.SX([1.0]), known={}, unknown={}, outputs={"place": x[0]}, sigmas={"place": 0.5}
+    )
+    y = np.arange(12.0)[:, None] - 5.5 + 0.3 + np.random.default_rng(0).standard_normal((12, 1))
+    free = (*(Parameter(quantity, "place", (0,), float(quantity is Quantity.SCALE), 1e3) for quantity in corrections),)
+    free = (Parameter(Quantity.SIGMA, "place", (0,), 1.0, 5.0), *free)  # nothing is known beforehand
+    recording, prior = FilterRows(np.ones((12, 1)), y, np.ones((12, 1))), od.Prior([-5.5], std=(1e-9,))
+    peak = most_likely(LogLikelihood(system, recording, prior, free, Values((), np.zeros(0))))[1]
+    A = np.column_stack([np.ones(12), np.arange(12.0) - 5.5])[:, : len(corrections)]
+    target = y[:, 0] - (np.arange(12.0) - 5.5)
+    rest, count = target - A @ np.linalg.lstsq(A, target, rcond=None)[0], 12 - len(corrections)
+    assert 0.5 * free[0].value(peak.z[0]) == pytest.approx(np.sqrt(rest @ rest / count), rel=2e-3)
+    assert peak.std[0] * 5 == pytest.approx(1 / np.sqrt(2 * count), rel=2e-3)
 
 
 def test_the_system_with_values_reads_and_moves_as_the_likelihood_takes_it():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -172,16 +172,19 @@ def _lasting_innovations(likelihood: LogLikelihood, z: np.ndarray) -> Iterable[T
 
 
 def _fit(likelihood: LogLikelihood) -> tuple[tuple[Told, ...], LogLikelihood, Maximum]:
-    """Return what is told of the free parameters, biases and scales left out that are not there, and the maximum of the others."""
+    """Return what is told of the free parameters, biases and scales left out that are not there, and the maximum of the others.
+
+    Intervals are those of all parameters at once: which biases and scales are there is told by the same data.
+    """
     trimmed, peak = most_likely(likelihood)
     wide = told_of(trimmed, peak)
     stays = without_what_is_not_there(likelihood.free, peak)
     if stays.all():
         return wide, trimmed, peak
-    narrow = replace(trimmed, free=tuple(p for p, is_there in zip(likelihood.free, stays, strict=True) if is_there))
+    narrow = trimmed.only(stays)
     peak = maximum(narrow, peak.z[stays])
     again = iter(told_of(narrow, peak))
-    told = tuple(next(again) if is_there else fact.without_effect for fact, is_there in zip(wide, stays, strict=True))
+    told = tuple(fact.at(next(again)) if is_there else fact.without_effect for fact, is_there in zip(wide, stays, strict=True))
     return told, narrow, peak
 
 

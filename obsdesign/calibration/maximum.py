@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from obsdesign.calibration.likelihood import LikelihoodPoint, LogLikelihood
 from obsdesign.calibration.parameters import Parameter
+from obsdesign.estimation.gate import Gate
 
 NORMAL_QUANTILE = 1.959963984540054
 _LIKELIHOOD_DROP = 1.920729410347062  # chi-square quantile for 95 %, 1 degree of freedom, over 2
@@ -16,7 +17,8 @@ _ENOUGH = 1e-4  # by which f may still be expected to fall
 _MOST_STEPS = 40
 UNTOLD = 0.5  # of the spread before the data: a standard deviation above it tells of nothing
 _RAGGED = 0.7  # standard deviation of a logarithm beyond which its likelihood is looked at, not its curvature
-_OUTLIER = 4.0  # standard deviations of an innovation
+_GATE = Gate(0.99993665751633)  # 4 standard deviations of an innovation
+_MOST_ROUNDS = 5  # of leaving out outliers
 _LARGEST_TOLD = 1.0  # z at the upper end of an interval: a psd that may be that much larger than what was looked for is not told
 _FARTHEST, _POINTS = 2.5, 20  # of z, when the end of an interval is looked for
 
@@ -48,17 +50,31 @@ class Told:
     @property
     def without_effect(self) -> Told:
         """The parameter as it is without the data, in an interval that holds that."""
-        start = self.parameter.start
-        return Told(self.parameter, start, min(self.low, start), max(self.high, start), self.is_told)
+        return self._with(self.parameter.start, self.is_told)
+
+    def at(self, other: Told) -> Told:
+        """Return another value of the parameter, where others are known to be nothing, in an interval that holds it."""
+        return self._with(other.value, other.is_told)
+
+    def _with(self, value: float, is_told: bool) -> Told:
+        return Told(self.parameter, value, min(self.low, value), max(self.high, value), is_told)
 
 
-def most_likely(likelihood: LogLikelihood, start: np.ndarray | None = None) -> tuple[LogLikelihood, Maximum]:
-    """Return the maximum, and the likelihood without the samples that are outliers there."""
-    first = maximum(likelihood, np.zeros(len(likelihood.free)) if start is None else start)
-    trimmed = likelihood.without_outliers(first.z, _OUTLIER)
-    if np.array_equal(trimmed.recording.weights, likelihood.recording.weights):
-        return likelihood, first
-    return trimmed, maximum(trimmed, first.z)
+def most_likely(likelihood: LogLikelihood) -> tuple[LogLikelihood, Maximum]:
+    """Return the maximum, and the likelihood without the samples that a filter rejects there.
+
+    At first outliers are told by a maximum to which they do not matter: that of errors with long tails. With them one would be looked for
+    that calls them errors like any.
+    """
+    peak = maximum(replace(likelihood, has_tails=True), np.zeros(len(likelihood.free)))
+    trimmed = likelihood
+    for _ in range(_MOST_ROUNDS):
+        before, trimmed = trimmed, likelihood.without_outliers(peak.z, _GATE)
+        if _ and np.array_equal(before.recording.weights, trimmed.recording.weights):
+            break
+        peak = maximum(trimmed, peak.z)
+    restricted = trimmed.without_chance(peak.z)
+    return restricted, maximum(restricted, peak.z)
 
 
 def maximum(likelihood: LogLikelihood, start: np.ndarray) -> Maximum:

@@ -87,7 +87,8 @@ def told_by_residuals(system: AbstractSystem, log: Log, parameters: tuple[Parame
 
 def told_of_size(parameter: Parameter, rests: list[np.ndarray]) -> list[Told]:
     """Return what errors (K,) of outputs, over stated standard deviations, tell of how large they are, and of the sensor's inflation."""
-    value, count, rho = _mad(np.concatenate(rests)), sum(map(len, rests)), _mean_correlation(rests)
+    errors, rho = _without_outliers(np.concatenate(rests)), _mean_correlation(rests)
+    value, count = _mad(errors), len(errors)
     std = _MAD_NOISE / np.sqrt(count * (1 - rho**2) / (1 + rho**2))
     low, high = (value * float(np.exp(sign * NORMAL_QUANTILE * std)) for sign in (-1, 1))
     told = [Told(parameter, value, low, high, is_told=True)]
@@ -109,7 +110,7 @@ def _fit_lines(outputs: list[Residuals], lines: tuple[Parameter, ...]) -> tuple[
     ends = np.cumsum([len(values.residual) for values in outputs])[:-1]
     robust = least_squares(lambda z: columns @ z - target, np.zeros(len(lines)), loss="huber", f_scale=_ROBUST * _mad(target))
     rest = target - columns @ robust.x
-    rho, sigma = _mean_correlation(np.split(rest, ends)), _mad(rest)
+    rho, sigma = _mean_correlation(np.split(rest, ends)), _mad(_without_outliers(rest))
     information = columns.T @ columns / sigma**2 * (1 - rho) / (1 + rho) + np.eye(len(lines))
     peak = Maximum(robust.x, information, has_converged=True)
     stays, is_inlier, z = without_what_is_not_there(lines, peak), np.abs(rest) < _OUTLIER * sigma, np.zeros(len(lines))
@@ -143,6 +144,10 @@ def correlation_of(values: np.ndarray) -> float:
     products = centred[1:] * centred[:-1]
     size = float(np.nanmean(centred**2))
     return float(np.clip(np.nanmean(products) / size if size and np.isfinite(products).any() else 0.0, 0.0, _MOST))
+
+
+def _without_outliers(values: np.ndarray) -> np.ndarray:
+    return values[np.abs(values - np.median(values)) <= _OUTLIER * _mad(values)]
 
 
 def _mad(values: np.ndarray) -> float:
