@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pickle
+import random
 
 import casadi as ca
 import numpy as np
 import pytest
+from jets_by_hand import ByHand, as_casadi, random_polynomial
 
 import obsdesign as od
 
@@ -91,3 +93,106 @@ def test_what_a_system_is_not_made_of(change: dict[str, object], message: str):
     arguments = {"rates": rates(V, X[2], 0.1), "inputs": {"v": V}, "outputs": {"z": X[0]}} | change
     with pytest.raises(od.InputError, match=message):
         od.GeneralSystem(X, NAMES, **arguments)
+
+
+def random_system(draw: random.Random) -> ByHand:
+    """Few states and inputs, monomials in any of them; outputs of states and known inputs."""
+    n, m, p = draw.randint(2, 4), draw.randint(0, 2), draw.randint(0, 1)
+    width, motion, outputs = n + m + p, [], []
+    for _ in range(n):
+        motion.append(random_polynomial(draw, range(width), width, draw.randint(0, 2), 3))
+    while len(outputs) < 1 + draw.randint(0, 1):
+        output = random_polynomial(draw, range(n + m), width, draw.randint(1, 2), 2)
+        outputs += [output] if any(any(exponents[:n]) for exponents in output) else []
+    return ByHand(n, m, p, motion, outputs)
+
+
+def as_system(by_hand: ByHand, *, is_map: bool) -> od.GeneralSystem | od.DiscreteSystem:
+    x, u, w = (ca.SX.sym(name, size) for name, size in zip("xuw", (by_hand.n, by_hand.m, by_hand.p), strict=True))
+    symbols = [symbol for group in (x, u, w) if group.numel() for symbol in ca.vertsplit(group)]
+    motion = ca.vertcat(*(as_casadi(polynomial, symbols) for polynomial in by_hand.motion))
+    names = tuple(f"x{i}" for i in range(by_hand.n))
+    inputs, unknown = ({f"{name}{i}": group[i] for i in range(group.numel())} for name, group in (("u", u), ("w", w)))
+    outputs = {f"y{i}": as_casadi(polynomial, symbols) for i, polynomial in enumerate(by_hand.outputs)}
+    if is_map:
+        return od.DiscreteSystem(x, names, next_state=motion, period=0.5, inputs=inputs, unknown=unknown, outputs=outputs)
+    return od.GeneralSystem(x, names, rates=motion, inputs=inputs, unknown=unknown, outputs=outputs)
+
+
+@pytest.mark.parametrize("is_map", [False, True])
+@pytest.mark.parametrize("seed", range(12))
+def test_dimensions_are_those_of_jets_counted_anew(seed: int, is_map: bool):
+    by_hand = random_system(random.Random(seed))
+    orders = by_hand.n + 2 if is_map else 2 * by_hand.n + 3
+    for known_inputs, count in (("any", 4 if by_hand.m else 1), ("smooth", 1)):
+        verdict = od.observability(as_system(by_hand, is_map=is_map), known_inputs=known_inputs)
+        assert verdict.decided
+        assert verdict.dimension == by_hand.dimension(orders, count, is_map=is_map)
+
+
+A, B, C, D = ca.vertsplit(ca.SX.sym("s", 4))
+U = ca.SX.sym("u")
+
+
+def discrete(next_state: list[ca.SX | float], outputs: list[ca.SX], **inputs: dict[str, ca.SX]) -> od.DiscreteSystem:
+    n = len(next_state)
+    named = {f"y{i}": output for i, output in enumerate(outputs)}
+    return od.DiscreteSystem(
+        ca.vertcat(A, B, C, D)[:n], tuple("abcd"[:n]), next_state=ca.vertcat(*next_state), period=1.0, outputs=named, **inputs
+    )
+
+
+@pytest.mark.parametrize(
+    ("system", "ranks"),
+    [
+        # c+ = b shows b once more, a+ = 0 then leaves of the second output nothing, and b+ = d shows d at last: a stall is no end
+        (discrete([0, D, B, A], [A, A * B, C]), (3, 3, 4)),
+        # a chain of delays, read at its end: x_k = (v(k), v(k-1), v(k-2), v(k-3)), one more with every sample
+        (discrete([U, A, B, C], [D], inputs={"u": U}), (1, 2, 3, 4)),
+        # the same read at its beginning: what was is gone
+        (discrete([U, A, B, C], [A], inputs={"u": U}), (1,)),
+        # an unknown input into the chain hides nothing of what is on the way
+        (discrete([U, A, B, C], [D], unknown={"u": U}), (1, 2, 3, 4)),
+        # logistic map with its parameter as a state
+        (discrete([B * A * (1 - A), B], [A]), (1, 2)),
+        # range to a beacon at the origin of a vehicle that turns: rotation of everything stays hidden
+        (discrete([A + ca.cos(C), B + ca.sin(C), C + U], [A**2 + B**2], inputs={"u": U}), (1, 2)),
+    ],
+)
+def test_maps_with_a_dimension_known_by_hand(system: od.DiscreteSystem, ranks: tuple[int, ...]):
+    verdict = od.observability(system)
+    assert (verdict.ranks, verdict.decided) == (ranks, True)
+
+
+def test_several_runs_from_one_state_tell_more_than_one_where_all_is_forgotten():
+    # y_0 = u a + b, and nothing is left afterwards: two runs under other inputs give both, one run their sum
+    system = discrete([0, 0], [U * A + B], inputs={"u": U})
+    assert od.observability(system).observable
+    assert od.observability(system, known_inputs="smooth").dimension == 1
+
+
+@pytest.mark.parametrize(("next_state", "dimension"), [(A, 0), (A + 1, 1)])
+def test_a_map_at_a_point_where_the_output_is_flat(next_state: ca.SX, dimension: int):
+    # y = a^2 at a = 0: seen from the next sample on, if there the state is another
+    verdict = od.observability(discrete([next_state], [A**2]), at=[0.0])
+    assert (verdict.dimension, verdict.decided) == (dimension, True)
+
+
+@pytest.mark.parametrize("period", [1.0, 0.1])
+@pytest.mark.parametrize("seed", range(4))
+def test_linear_systems_sampled_exactly_have_the_rank_of_kalman(seed: int, period: float):
+    # z_i' = -r_i z_i and y = z_1 + z_2 without z_3, in mixed coordinates: rank 2 of 3 for every period, 3 with z_3 in y.
+    # r_i T = log 2, log 4, log 8: the sampled matrix is dyadic; T = 0.1: its entries are rounded, so that 3 may not be claimed of it
+    random_numbers = np.random.default_rng(seed)
+    lower, upper = (np.eye(3, dtype=int) + np.tril(random_numbers.integers(-2, 3, (3, 3)), -1) for _ in range(2))
+    vectors = lower @ upper.T  # unimodular
+    inverse = np.rint(np.linalg.inv(vectors))
+    decay = np.diag(0.5 ** (np.arange(1, 4) * period))
+    x = ca.SX.sym("x", 3)
+    blind, seeing = (
+        od.DiscreteSystem(x, ("a", "b", "c"), next_state=ca.DM(inverse @ decay @ vectors) @ x, period=period, outputs={"y": row @ x})
+        for row in (ca.DM(vectors[:2].sum(axis=0)).T, ca.DM(vectors.sum(axis=0)).T)
+    )
+    assert od.observability(seeing).observable
+    verdict = od.observability(blind)
+    assert (verdict.dimension, verdict.decided) == (2, period == 1.0)

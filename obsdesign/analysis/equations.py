@@ -16,6 +16,7 @@ from obsdesign.rank.balls import PRECISIONS
 from obsdesign.rank.elimination import values_at
 from obsdesign.rank.exact_numbers import ExactNumber, Number
 from obsdesign.rank.graph import Instruction, has_pieces, instructions, is_rational
+from obsdesign.rank.map_flow import MapFlow
 from obsdesign.rank.piecewise_functions import smooth_near
 from obsdesign.rank.symbol_relations import FunctionArguments, function_arguments
 from obsdesign.rank.taylor import Flow
@@ -46,7 +47,8 @@ class Equations:
 
     constants (c, 1): symbols for the numbers in all of these, with their values; n_added: how many states come first that
     were added, and are not asked for; origin (n,): x is the state that was asked about less origin pi; readings: doubles of the
-    model, each with what it stands for; piece: which one these are, where functions have pieces.
+    model, each with what it stands for; piece: which one these are, where functions have pieces. step_map: of a map from one instant to
+    the next, which drift and outputs are for some values of the inputs; the fields then only count these.
     """
 
     x: ca.SX
@@ -62,6 +64,7 @@ class Equations:
     origin: tuple[Fraction, ...] = ()
     readings: tuple[tuple[float, ExactNumber], ...] = ()
     piece: Piece | None = None
+    step_map: MapFlow | None = None
 
     @property
     def n(self) -> int:
@@ -106,9 +109,21 @@ class Equations:
         smooth = replace(self, outputs=outputs, drift=drift, known_fields=known_fields, unknown_fields=unknown_fields)
         return replace(smooth, piece=Piece(self.n, smooth.all_expressions, self.all_expressions, self.values))
 
+    @property
+    def map_flow(self) -> MapFlow:
+        """The map. Raises ValueError where time is continuous."""
+        if self.step_map is None:
+            raise ValueError("time is continuous: there is no map")
+        return self.step_map
+
     @cached_property
-    def flow(self) -> Flow:
+    def flow(self) -> Flow | MapFlow:
         """The equations with symbols for the inputs."""
+        return self.step_map or self.differential_flow
+
+    @cached_property
+    def differential_flow(self) -> Flow:
+        """The differential equations with symbols for the inputs."""
         u, w = ca.SX.sym("u", len(self.known_fields)), ca.SX.sym("w", len(self.unknown_fields))
         pairs = [*zip(self.known_fields, ca.vertsplit(u), strict=True), *zip(self.unknown_fields, ca.vertsplit(w), strict=True)]
         rate = self.drift + sum((field * symbol for field, symbol in pairs), ca.SX.zeros(self.n))
@@ -121,7 +136,9 @@ class Equations:
 
     def place_of(self, point: EvaluationPoint, seed: int) -> EvaluationPoint:
         """Return where a state (n - n_added,) is that was asked about, behind random added ones."""
-        return replace(point, state=(*random_fractions(self.n_added, f"{seed} extra"), *point.state)).relative_to(self.origin)
+        return replace(point, state=(*random_fractions(self.n_added, f"{seed} extra"), *point.state)).relative_to(
+            self.origin or [Fraction(0)] * self.n
+        )
 
     def original_state(self, point: EvaluationPoint) -> EvaluationPoint:
         """Return the state that was asked about, of which the place is what these equations make."""

@@ -88,15 +88,16 @@ class Experiments:
     def _compute_rows(self, experiment: int) -> list[list[Any]]:
         equations = self.equations
         matrices = equations.flow.responses if self.point.is_modular else equations.flow.sensitivities
-        return [row for matrix in matrices(self.point.arithmetic, self._arguments(experiment), self.orders) for row in matrix.tolist()]
+        return [row for matrix in matrices(self.point.arithmetic, self.arguments(experiment), self.orders) for row in matrix.tolist()]
 
     def along(self, directions: arb_mat) -> arb_mat:
         """Return J times directions (width, d) at a real place, at the working precision."""
         flow, arithmetic = self.equations.flow, self.point.arithmetic
-        every = [flow.sensitivities(arithmetic, self._arguments(experiment), self.orders, directions) for experiment in range(self.count)]
+        every = [flow.sensitivities(arithmetic, self.arguments(experiment), self.orders, directions) for experiment in range(self.count)]
         return arb_mat([row for matrices in every for matrix in matrices for row in matrix.tolist()])
 
-    def _arguments(self, experiment: int) -> FlowArguments:
+    def arguments(self, experiment: int) -> FlowArguments:
+        """Return where the flow of one of the experiments is followed."""
         equations, number = self.equations, self.point.arithmetic.number
         return FlowArguments(
             x=[number(value) for value in self.point.state],
@@ -173,6 +174,18 @@ class Experiments:
             _, order, output = self.row_labels[row_indices[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
             raise NoValueError(error.row, f"{what} at {self.equations.describe(self.point)}") from None
+
+    def numerical_rank(self, order: int) -> Rank:
+        """Return the rank as far as it can be told from numbers: what is thin around 0 at many bits counts as 0."""
+        rows = [i for i, k in enumerate(self.row_orders) if k <= order]
+
+        def rows_up_to_order() -> list[list[arb]]:
+            """Return the rows of the derivatives up to an order."""
+            every = self.rows()
+            return [every[i] for i in rows]
+
+        stages = [self.row_orders[i] for i in rows]
+        return rank_of(rows_up_to_order, self.n_columns - self.n_eliminated, self.n_eliminated, stages, precisions=self.point.precisions)
 
     def reaches(self, order: int, upper_bound: RankBound) -> bool:
         """Return whether the rows up to the order have the ranks that they have at most; upper_bound: bound(order, columns) elsewhere."""

@@ -170,7 +170,7 @@ class _Chart:
             [as_residue(value) for value in random_residues(n_terms, f"{seed} along {i}")] for i in range(len(equations.known_fields))
         ]
         constants = [as_residue(value) for value in equations.values]
-        states = equations.flow.solution(
+        states = equations.differential_flow.solution(
             arithmetic, FlowArguments([as_residue(v) for v in self.start.state], inputs, [], constants), n_terms - 1
         )
         series_cap = flint.ctx.cap

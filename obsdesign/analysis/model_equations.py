@@ -10,11 +10,13 @@ from fractions import Fraction
 import casadi as ca
 
 from obsdesign.analysis.equations import Equations
+from obsdesign.analysis.evaluation_point import random_fractions
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import Model
 from obsdesign.rank.decimal_reading import read_double
 from obsdesign.rank.exact_constants import symbolise
 from obsdesign.rank.exact_numbers import ExactNumber, Irrational, pi_times
+from obsdesign.rank.map_flow import MapFlow
 
 Reading = Callable[[float], ExactNumber]
 
@@ -44,6 +46,8 @@ def equations_of(
     """
     held, reading = held or {}, reading or likely_value
     require_known("held", tuple(held), model.input_names)
+    if model.period is not None:
+        return _map_equations(model, held, reading)
     return (_affine_equations if model.is_affine else _general_equations)(model, held, tuple(origin or ()), reading)
 
 
@@ -130,6 +134,34 @@ def _general_equations(model: Model, held: Mapping[str, float], origin: tuple[Fr
         n_added=r,
         origin=(*[Fraction(0)] * r, *origin) if origin else (),
         readings=(*graph.readings, *kept.readings),
+    )
+
+
+def _map_equations(model: Model, held: Mapping[str, float], reading: Reading) -> Equations:
+    """The equations of a map; drift and outputs are those for some values of the inputs."""
+    kept, q, n = held_inputs(model, held, reading), len(model.outputs), model.x.numel()
+    turns = (*[Fraction(0)] * n, *kept.turns, *[Fraction(0)] * model.w.numel())
+    column = ca.vertcat(model.h, model.motion.at(model.u, model.w))
+    graph = symbolise(ca.vertcat(model.x, model.u, model.w), column, reading, turns)
+    held_symbols = ca.vertcat(ca.SX(0, 1), *(model.u[model.input_names.index(name)] for name in held))
+    expression = ca.substitute(graph.expression, held_symbols, ca.vertcat(*kept.remainders)) if held else graph.expression
+    u = ca.vertcat(ca.SX(0, 1), *(model.u[i] for i, name in enumerate(model.input_names) if name not in held))
+    inputs, some = ca.vertcat(u, model.w), ca.SX.sym("some inputs", u.numel() + model.w.numel())
+    constants = ca.vertcat(graph.constants, *kept.symbols, some)
+    with_some = ca.substitute(expression, inputs, some) if some.numel() else expression
+    nothing = ca.SX.zeros(n)
+    return Equations(
+        x=model.x,
+        names=model.state_names,
+        constants=constants,
+        values=(*graph.values, *kept.values, *random_fractions(some.numel(), "some inputs")),
+        drift=with_some[q:],
+        known_fields=(nothing,) * u.numel(),
+        unknown_fields=(nothing,) * model.w.numel(),
+        outputs=with_some[:q],
+        output_names=tuple(signal.name for signal in model.outputs),
+        readings=(*graph.readings, *kept.readings),
+        step_map=MapFlow(model.x, u, model.w, constants, expression[q:], expression[:q]),
     )
 
 

@@ -61,7 +61,7 @@ def _taylor_step(equations: Equations, state: Sequence[arb], seed: str) -> tuple
     n = equations.n
     inputs = [[as_ball(value)] for value in random_fractions(len(equations.known_fields), seed)]
     constants = [as_ball(value) for value in equations.values]
-    flow = equations.flow
+    flow = equations.differential_flow
 
     def arguments(x: Sequence[arb]) -> FlowArguments:
         """Return the arguments of the flow from x, its inputs constant."""

@@ -19,6 +19,7 @@ from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.generic_rank import cap_if_known, generic_result
 from obsdesign.analysis.jets import jets_result
 from obsdesign.analysis.known_signals import with_signal_states
+from obsdesign.analysis.map_rank import analyse_map
 from obsdesign.analysis.model_equations import equations_of
 from obsdesign.analysis.null_space_text import hidden_in_words
 from obsdesign.analysis.number_readings import AbstractQuery, QueryResult, readings_text, verdict_over_readings
@@ -83,7 +84,7 @@ def observability_of(
 ) -> Verdict:
     """Return the verdict for a model, such as some of a system's sensors: `system.model.only(names)`. See `observability`."""
     _validate_query(model, disturbance, known_inputs, method, orders, seed)
-    model, signals = with_signal_states(model, held or {})
+    model, signals = (model, ()) if model.period is not None else with_signal_states(model, held or {})
     if at is not None and signals and np.shape(at) != (len(model.states),):
         at = [*as_array("at", at).tolist(), *(float(value) for value in random_fractions(len(signals), f"{seed} known signals"))]
     with exclusive_flint():
@@ -136,6 +137,8 @@ class _ObservabilityQuery(AbstractQuery):
 
     def _results(self, equations: Equations, point: EvaluationPoint | None) -> tuple[EngineResult, EngineResult | None]:
         """Return what was found, and, where a point was asked for, what was found nearby."""
+        if equations.step_map is not None:
+            return self._results_of_map(equations, point)
         if point:
             require_value(equations, point)
             Experiments(equations, point, 2, seed=self.seed).rank(2)  # raises where a derivative has no value
@@ -153,6 +156,15 @@ class _ObservabilityQuery(AbstractQuery):
         if isinstance(self.disturbance, Polynomial) and self.augmented_model is not self.model:
             nearby = replace(nearby, reason=f"{nearby.reason}; {self._induction_text(self.disturbance, nearby)}")
         return (analyse_at(equations, smooth, point, nearby, self.seed), nearby) if point else (nearby, None)
+
+    def _results_of_map(self, equations: Equations, point: EvaluationPoint | None) -> tuple[EngineResult, EngineResult | None]:
+        region, smooth = equations.region(self.seed, point), self.is_smooth
+        if self.method == "jets":
+            raise InputError("method is 'jets': goes with systems in continuous time; of a map unknown inputs are free from step to step")
+        if point is None:
+            return analyse_map(equations, smooth, region), None
+        require_value(equations, point)
+        return analyse_map(equations, smooth, region, point), analyse_map(equations, smooth, region)
 
     def _induction_text(self, disturbance: Polynomial, result: EngineResult) -> str:
         """Say whether one degree more adds as many dimensions as there are unknown inputs: the step of Belo's induction."""
