@@ -14,7 +14,7 @@ Polynomial = Mapping[tuple[int, ...], int]  # exponents of (x, u, w) -> coeffici
 
 
 def as_casadi(polynomial: Polynomial, symbols: Sequence[ca.SX]) -> ca.SX:
-    return ca.SX(evaluate(polynomial, list(symbols), ca.SX(0), lambda value: ca.SX(value)))
+    return ca.SX(evaluate(polynomial, list(symbols), ca.SX(0), ca.SX))
 
 
 def evaluate(polynomial: Polynomial, values: Sequence[Any], zero: Any, constant: Callable[[int], Any]) -> Any:
@@ -98,9 +98,8 @@ class ByHand:
             if k == orders:
                 return [gradient for y in self._values(self.outputs, values, k + 1) for _, gradient in y.terms]
             rates = self._values(self.motion, values, k + 1)
-            states = [
-                Jet((start, *(_divided(term, j + 1) for j, term in enumerate(rate.terms)))) for start, rate in zip(x, rates, strict=True)
-            ]
+            terms = [tuple(_divided(term, j + 1) for j, term in enumerate(rate.terms)) for rate in rates]
+            states = [Jet((start, *rest)) for start, rest in zip(x, terms, strict=True)]
         raise AssertionError
 
     def _samples(self, x: list, inputs: list, orders: int) -> list[tuple[int, ...]]:

@@ -134,12 +134,10 @@ A, B, C, D = ca.vertsplit(ca.SX.sym("s", 4))
 U = ca.SX.sym("u")
 
 
-def discrete(next_state: list[ca.SX | float], outputs: list[ca.SX], **inputs: dict[str, ca.SX]) -> od.DiscreteSystem:
-    n = len(next_state)
-    named = {f"y{i}": output for i, output in enumerate(outputs)}
-    return od.DiscreteSystem(
-        ca.vertcat(A, B, C, D)[:n], tuple("abcd"[:n]), next_state=ca.vertcat(*next_state), period=1.0, outputs=named, **inputs
-    )
+def discrete(next_state: list[ca.SX | float], outputs: list[ca.SX], inputs: str = "", unknown: str = "") -> od.DiscreteSystem:
+    names, named = tuple("abcd"[: len(next_state)]), {f"y{i}": output for i, output in enumerate(outputs)}
+    groups, x = [dict.fromkeys(group, U) for group in (inputs, unknown)], ca.vertcat(A, B, C, D)[: len(next_state)]
+    return od.DiscreteSystem(x, names, next_state=ca.vertcat(*next_state), period=1.0, outputs=named, inputs=groups[0], unknown=groups[1])
 
 
 @pytest.mark.parametrize(
@@ -148,15 +146,15 @@ def discrete(next_state: list[ca.SX | float], outputs: list[ca.SX], **inputs: di
         # c+ = b shows b once more, a+ = 0 then leaves of the second output nothing, and b+ = d shows d at last: a stall is no end
         (discrete([0, D, B, A], [A, A * B, C]), (3, 3, 4)),
         # a chain of delays, read at its end: x_k = (v(k), v(k-1), v(k-2), v(k-3)), one more with every sample
-        (discrete([U, A, B, C], [D], inputs={"u": U}), (1, 2, 3, 4)),
+        (discrete([U, A, B, C], [D], "u"), (1, 2, 3, 4)),
         # the same read at its beginning: what was is gone
-        (discrete([U, A, B, C], [A], inputs={"u": U}), (1,)),
+        (discrete([U, A, B, C], [A], "u"), (1,)),
         # an unknown input into the chain hides nothing of what is on the way
-        (discrete([U, A, B, C], [D], unknown={"u": U}), (1, 2, 3, 4)),
+        (discrete([U, A, B, C], [D], unknown="u"), (1, 2, 3, 4)),
         # logistic map with its parameter as a state
         (discrete([B * A * (1 - A), B], [A]), (1, 2)),
         # range to a beacon at the origin of a vehicle that turns: rotation of everything stays hidden
-        (discrete([A + ca.cos(C), B + ca.sin(C), C + U], [A**2 + B**2], inputs={"u": U}), (1, 2)),
+        (discrete([A + ca.cos(C), B + ca.sin(C), C + U], [A**2 + B**2], "u"), (1, 2)),
     ],
 )
 def test_maps_with_a_dimension_known_by_hand(system: od.DiscreteSystem, ranks: tuple[int, ...]):
@@ -166,7 +164,7 @@ def test_maps_with_a_dimension_known_by_hand(system: od.DiscreteSystem, ranks: t
 
 def test_several_runs_from_one_state_tell_more_than_one_where_all_is_forgotten():
     # y_0 = u a + b, and nothing is left afterwards: two runs under other inputs give both, one run their sum
-    system = discrete([0, 0], [U * A + B], inputs={"u": U})
+    system = discrete([0, 0], [U * A + B], "u")
     assert od.observability(system).observable
     assert od.observability(system, known_inputs="smooth").dimension == 1
 

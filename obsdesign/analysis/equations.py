@@ -136,9 +136,8 @@ class Equations:
 
     def place_of(self, point: EvaluationPoint, seed: int) -> EvaluationPoint:
         """Return where a state (n - n_added,) is that was asked about, behind random added ones."""
-        return replace(point, state=(*random_fractions(self.n_added, f"{seed} extra"), *point.state)).relative_to(
-            self.origin or [Fraction(0)] * self.n
-        )
+        place = replace(point, state=(*random_fractions(self.n_added, f"{seed} extra"), *point.state))
+        return place.relative_to(self.origin) if self.origin else place
 
     def original_state(self, point: EvaluationPoint) -> EvaluationPoint:
         """Return the state that was asked about, of which the place is what these equations make."""

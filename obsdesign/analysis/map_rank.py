@@ -105,11 +105,8 @@ def _finding(equations: Equations, growth: MapGrowth, rank: Rank, point: Evaluat
         why = f"{precision_text(rank)}, and at most {growth.dimension} {zero_test_text(equations.is_rational)}"
         return EngineResult(rank, point, ranks, "precision", why)
     if growth.has_ended:
-        how = (
-            zero_test_text(equations.is_rational)
-            if rank.rank == growth.dimension
-            else f"to {rank.bits} bits, for as many as there are states"
-        )
+        is_modular = rank.rank == growth.dimension
+        how = zero_test_text(equations.is_rational) if is_modular else f"to {rank.bits} bits, for as many as there are states"
         return EngineResult(rank, point, ranks, "criterion", f"no more: samples after {samples} add nothing {how}")
     followed = f"{len(growth.dimensions)} samples were taken, and more may tell more"
     return EngineResult(rank, point, ranks, "stalled", f"not decided: a lower bound: {followed}")
