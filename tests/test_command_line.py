@@ -240,6 +240,11 @@ def test_heavy_libraries_load_when_used(arguments, loaded, tmp_path):
     assert done.stdout.splitlines()[-1] == str(loaded)
 
 
+def test_one_answer_is_told_without_loading_what_draws():
+    code = "import sys, obsdesign.report.paths_to_document, obsdesign.study.single_answers; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 # ---------------------------------------------------------------- verbs of one question each
 
 

@@ -17,11 +17,13 @@ from test_select_verb import FLOAT
 import obsdesign as od
 from obsdesign.cli.parser import build_parser
 from obsdesign.cli.table import VERBS
+from obsdesign.cli.verbs.export import export_document
 from obsdesign.exchange.export_result import export, track_of
 from obsdesign.exchange.formats import FORMATS, format_of, read_track
 from obsdesign.exchange.words import FORMAT_WORDS, MISSION_WORDS
 from obsdesign.report.folder import write_report
 from obsdesign.report.html import page_of
+from obsdesign.report.to_document import document_of
 from obsdesign.study.runner import run
 from obsdesign.study.thinned_flight import Thinning, judge_way_points
 from obsdesign.study.thinned_path import points_every, polyline_distances, segment_distances, thin
@@ -176,6 +178,17 @@ def test_the_page_says_what_way_points_cost(study, result, tmp_path):
     thinned = export(result, "plan", tmp_path / "x.plan", tolerance=3.0, autopilot="ardupilot").thinned
     page = page_of(replace(study, way_points=(thinned,)))
     assert "As way points?" in page and "within 3 m, ardupilot" in page
+
+
+def test_the_document_says_what_way_points_cost(study, result, tmp_path):
+    done = export(result, "plan", tmp_path / "x.plan", tolerance=3.0)
+    (told,) = document_of(replace(study, way_points=(done.thinned,))).way_points
+    assert (told.points, told.of, told.tolerance, told.every) == (done.points, 31, 3.0, None)
+    assert export_document(done)["thinned"] == told.model_dump(mode="json")
+    # along the path itself it is what the study says: information with all sensors on, the filter's bound with the schedule at the end
+    assert told.lambda_min[0] == pytest.approx(study.candidates[0].qualities[0].eigenvalues[0], rel=1e-9)
+    chosen = next(check.validation for check in study.checks if check.schedule == "chosen")
+    assert [before for before, _ in told.std.values()] == pytest.approx(chosen.bound[-1], rel=1e-9)
 
 
 def verb(*arguments: str):

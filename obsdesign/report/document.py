@@ -15,10 +15,11 @@ from obsdesign.report.document_parts import (
     ScenarioPart,
     VerdictPart,
     ViolationPart,
+    WayPointsPart,
 )
 from obsdesign.report.expectations import Expectation
 
-SCHEMA_VERSION = "1.7"
+SCHEMA_VERSION = "1.8"
 
 
 class LossPart(DocumentPart):
@@ -233,6 +234,7 @@ class Result(DocumentPart):
     validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule; chosen: of the question asked")
     joint: JointPart | None = Field(description="null: none was asked for")
     flight: FlightPart | None = Field(description="null: none was asked for")
+    way_points: list[WayPointsPart] = Field(default=[], description="what the path costs as way points, by mission that was written")
     expected: list[Expectation]
     record: list[Any] = Field(
         default=[],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -194,3 +194,21 @@ class DesignPart(DocumentPart):
     evidence: EvidencePart | None
     search: GapSearchPart | None = Field(description="null: no gap was asked for")
     starts: list[StartPart]
+
+
+class WayPointsPart(DocumentPart):
+    """What it costs to fly through few points of the path as an autopilot does; pairs: of the path itself, of the flight."""
+
+    points: int = Field(description="how many way points")
+    of: int = Field(description="nodes of the path")
+    tolerance: float | None = Field(description="how near the path stays to its way points [m]; null: they were taken by time")
+    every: float | None = Field(description="one way point every so many seconds [s]; null: they were taken by tolerance")
+    autopilot: Literal["px4", "ardupilot"] = Field(description="whose guidance flew")
+    deviation: float = Field(description="farthest that the flight is from the path [m]")
+    duration: tuple[float, float] = Field(description="[s]")
+    reached: bool = Field(description="whether the last way point was reached")
+    lambda_min: tuple[Number, Number] = Field(description="of S W S, all sensors on")
+    std: dict[str, tuple[Number, Number]] = Field(
+        description="standard deviations of the filter at the end with the schedule, by state, in its unit"
+    )
+    broken: list[str] = Field(description="limits that the flight breaks and the path keeps")

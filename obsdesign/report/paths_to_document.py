@@ -1,4 +1,4 @@
-"""Paths and designs as parts of the JSON document."""
+"""Paths, designs, filter runs and way points as parts of the JSON document."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from dataclasses import asdict
 from obsdesign.design.path_bound.certificate import PathBound
 from obsdesign.design.record import Design, Evidence, Start
 from obsdesign.design.violation import Violation
+from obsdesign.estimation.validation import Validation
 from obsdesign.information.contribution_shares import Contributions
+from obsdesign.report.document import ValidationPart
 from obsdesign.report.document_parts import (
     CapPart,
     ContributionPart,
@@ -22,8 +24,10 @@ from obsdesign.report.document_parts import (
     RobustnessPart,
     StartPart,
     ViolationPart,
+    WayPointsPart,
 )
 from obsdesign.study.record import Candidate, Quality, Study
+from obsdesign.study.thinned_path import ThinnedPath
 
 
 def suite_key(study: Study, sensors: tuple[str, ...]) -> str:
@@ -114,3 +118,35 @@ def _quality(quality: Quality) -> QualityPart:
 def violation_parts(violations: tuple[Violation, ...]) -> list[ViolationPart]:
     """Return the parts of what is violated."""
     return [ViolationPart(what=violation.what, time=violation.time, by=violation.by, unit=violation.unit) for violation in violations]
+
+
+def validation_part(names: tuple[str, ...], validation: Validation) -> ValidationPart:
+    """Return the filter runs along a path; names: of the states."""
+    return ValidationPart(
+        verdict=validation.verdict,
+        in_band=validation.in_band,
+        nees_interval=validation.nees_interval,
+        nees=validation.nees.tolist(),
+        final_rmse=dict(zip(names, validation.rmse[-1].tolist(), strict=True)),
+        final_bound=dict(zip(names, validation.bound[-1].tolist(), strict=True)),
+        rmse=dict(zip(names, validation.rmse.T.tolist(), strict=True)),
+        bound=dict(zip(names, validation.bound.T.tolist(), strict=True)),
+        runs=validation.runs,
+    )
+
+
+def way_points_part(thinned: ThinnedPath) -> WayPointsPart:
+    """Return what a path costs as way points."""
+    return WayPointsPart(
+        points=len(thinned.points),
+        of=thinned.of,
+        tolerance=thinned.tolerance,
+        every=thinned.every,
+        autopilot=thinned.autopilot,
+        deviation=thinned.deviation,
+        duration=thinned.durations,
+        reached=thinned.reached,
+        lambda_min=thinned.smallest_eigenvalue,
+        std=dict(zip(thinned.states, map(tuple, thinned.std.T.tolist()), strict=True)),
+        broken=list(thinned.broken),
+    )

@@ -12,7 +12,6 @@ import numpy as np
 
 import obsdesign
 from obsdesign.design.record import Design
-from obsdesign.estimation.validation import Validation
 from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight
 from obsdesign.report.derived_quantities import PATH_FIRST, SENSORS_FIRST, TOGETHER, joint_answers, segment_nodes
@@ -31,7 +30,14 @@ from obsdesign.report.document import (
 )
 from obsdesign.report.document_parts import JointBoundPart, JointCertificatePart, ScenarioPart, VerdictPart
 from obsdesign.report.expectations import check_expectations
-from obsdesign.report.paths_to_document import design_part, path_part, suite_key, violation_parts
+from obsdesign.report.paths_to_document import (
+    design_part,
+    path_part,
+    suite_key,
+    validation_part,
+    violation_parts,
+    way_points_part,
+)
 from obsdesign.report.schedules_to_document import cheapest_part, filter_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.report.study_record import encode_study
@@ -78,6 +84,7 @@ def _build_document(study: Study) -> Result:
         validation=checks,
         joint=None if study.joint is None else _joint(study, study.joint),
         flight=None if study.flight is None else _flight(study, study.flight),
+        way_points=[way_points_part(thinned) for thinned in study.way_points],
         expected=[],
         timings=_timings(study),
     )
@@ -232,18 +239,3 @@ def _timings(study: Study) -> dict[str, float]:
     plans = study.flight.seconds if study.flight is not None else ()
     later = {"plan, median": median(plans[1:]), "plan, longest": max(plans[1:])} if len(plans) > 1 else {}
     return dict(study.seconds) | ({"first plan": plans[0]} if plans else {}) | later
-
-
-def validation_part(names: tuple[str, ...], validation: Validation) -> ValidationPart:
-    """Return the filter runs along a path; names: of the states."""
-    return ValidationPart(
-        verdict=validation.verdict,
-        in_band=validation.in_band,
-        nees_interval=validation.nees_interval,
-        nees=validation.nees.tolist(),
-        final_rmse=dict(zip(names, validation.rmse[-1].tolist(), strict=True)),
-        final_bound=dict(zip(names, validation.bound[-1].tolist(), strict=True)),
-        rmse=dict(zip(names, validation.rmse.T.tolist(), strict=True)),
-        bound=dict(zip(names, validation.bound.T.tolist(), strict=True)),
-        runs=validation.runs,
-    )

@@ -33,17 +33,9 @@ def export_result(options: Namespace) -> Outcome:
 
 def export_document(done: Export) -> dict[str, object]:
     """Return what was written as JSON has it."""
-    thinned = done.thinned
-    costs = None
-    if thinned is not None:
-        costs = {
-            "lambda_min": list(thinned.smallest_eigenvalue),
-            "std": dict(zip(thinned.states, thinned.std.T.tolist(), strict=True)),
-            "duration": list(thinned.durations),
-            "deviation": thinned.deviation,
-            "reached": thinned.reached,
-            "broken": list(thinned.broken),
-        }
+    from obsdesign.report.paths_to_document import way_points_part
+
+    costs = None if done.thinned is None else way_points_part(done.thinned).model_dump(mode="json")
     return {"files": list(map(str, done.files)), "points": done.points, "thinned": costs, "notes": list(done.notes)}
 
 

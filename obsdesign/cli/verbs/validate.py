@@ -26,7 +26,7 @@ def validate(options: Namespace) -> Outcome:
 
     from obsdesign.exchange.schedule_csv import read_schedule_csv
     from obsdesign.exchange.trajectory_csv import read_trajectory_csv
-    from obsdesign.report.to_document import validation_part
+    from obsdesign.report.paths_to_document import validation_part
     from obsdesign.study.single_answers import path_to_validate, validate_scenario
 
     schedule_file = _schedule_file(options.along, options.schedule)
