@@ -146,6 +146,43 @@ def test_clarabel_finds_the_same():
             assert value <= value_at(qp, np.clip(second.d, qp.lower, qp.upper))[0] + 1e-7 * size
 
 
+def test_a_cone_in_other_units_leaves_the_minimiser():
+    """A + sum d_i D_i - t E >= 0 is the same times any factor; one cone's factor must not settle how near the others' t has to come."""
+    compared = 0
+    for seed in range(80):
+        qp, random = random_program(seed), np.random.default_rng([seed, 3])
+        scaled = []
+        for cone in qp.cones:
+            factor = 10 ** random.uniform(-12, 12)
+            slack_factor = factor * cone.slack_factor if cone.slack_factor else 0.0
+            scaled.append(Cone(factor * cone.A, factor * cone.D, factor * cone.E, cone.epigraph_index, slack_factor))
+        first, second = minimise_densely(qp, 1e-9), minimise_densely(replace(qp, cones=tuple(scaled)), 1e-9)
+        if first is not None and second is not None:
+            compared += 1
+            value, size = value_at(qp, second.d)
+            assert value - proven_bound(qp, first) <= 1e-7 * size, seed
+    assert compared >= 60
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9, 1e12])
+def test_a_cone_that_is_never_near_its_edge_changes_nothing(factor: float):
+    compared = 0
+    for seed in range(20):
+        qp = random_program(seed)
+        if not qp.cones or not len(qp.weights):
+            continue
+        n = len(qp.cones[0].A)
+        change = np.zeros((len(qp.g), n, n))
+        change[0] = np.eye(n)  # at most 1 of 10, times the factor
+        far = Cone(factor * 10 * np.eye(n), factor * change, np.eye(n), 0, 0.0)
+        with_far, without = minimise_densely(replace(qp, cones=(*qp.cones, far)), 1e-9), minimise_densely(qp, 1e-9)
+        if with_far is not None and without is not None:  # where rounding leaves no proof there is no answer
+            compared += 1
+            value, size = value_at(qp, with_far.d)
+            assert value - proven_bound(qp, without) <= 1e-7 * size, seed
+    assert compared >= 10
+
+
 def test_the_largest_smallest_eigenvalue_on_a_circle():
     """A = I, D = (diag(1, -1), offdiagonal): lambda_min = 1 - |d|, and 1 - |d| - d'B d / 2 is largest at 0, where the two meet."""
     D = np.array([[[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0], [1.0, 0.0]]])

@@ -14,6 +14,7 @@ _MAX_ITERATIONS = 60  # models take 8 to 20
 _ACCEPTED = 10.0  # tolerances at which rounding may end the method
 _AIM = 1e-2  # share of the tolerance that is aimed at: where the objective is flat, a gap says little of how far the minimiser is
 _NEAR_BOUND = 0.9  # share of the way to a bound at which a start is still inside
+_TURNS = 4  # with ever smaller gaps, where what is active is small next to what is not
 _FIRST_PRODUCT = 0.02  # of slacks and their multipliers where the method begins, in units of the objective
 
 
@@ -48,7 +49,8 @@ class _Margins:
 def minimise_densely(qp: ConicQP, tolerance: float) -> ConicSolution | None:
     """Return the minimiser, or None without machine code, or where the gap that its multipliers prove is not within the tolerance.
 
-    tolerance: of the objective's value where that is reached, or of what the objective changes by within the bounds.
+    tolerance: of the objective's value where that is reached, or of what the objective changes by within the bounds, as far as its
+    multipliers pay for that change: `_size_at`.
     """
     if not has_machine_code() or not (qp.upper >= qp.lower).all() or _is_unbounded(qp):
         return None
@@ -73,9 +75,32 @@ def _solve(
     value = float(np.abs(qp.weights @ coordinates.t)) + qp.penalty * (coordinates.slack - coordinates.slack_unit)
     aim = _AIM * tolerance * min(1.0, (value or coordinates.unit) / coordinates.unit)
     point = follow_central_path(program, *begin, aim, _MAX_ITERATIONS)
-    if point is None or not point.gap <= _ACCEPTED * tolerance * (1 + program.c[-1] * point.y[-1]):
-        return None
-    return _solution(qp, coordinates, point)
+    for _ in range(_TURNS):
+        if point is None or not np.isfinite(point.gap):
+            return None
+        wanted = tolerance * min(1 + program.c[-1] * point.y[-1], _size_at(program, point))
+        if point.gap <= _ACCEPTED * wanted:
+            return _solution(qp, coordinates, point)
+        multipliers, before = np.concatenate([point.lower, point.upper, point.z]), point.gap
+        point = follow_central_path(program, point.y, multipliers, _AIM * wanted, _MAX_ITERATIONS)
+        if point is not None and not point.gap < before:
+            return None
+    return None
+
+
+def _size_at(program: DenseConicProgram, point: InteriorPoint) -> float:
+    """Return what the objective is made of at a point, and changes by within the bounds as its multipliers have it: t and slack, d, limits.
+
+    Limits that are not active count for nothing, whatever they are next to the others.
+    """
+    q, r = len(program.P), program.half_lines
+    size = np.abs(program.c[:q]).sum() + 0.5 * np.trace(program.P) + np.abs(program.c[q:] * point.y[q:]).sum()
+    paid = [np.abs(program.X[:r, :q]).T @ point.z[:r]]
+    for n in program.sides:
+        rows = slice(r, r + n * (n + 1) // 2)
+        paid.append(np.abs(point.z[rows] @ program.X[rows, :q]))
+        r = rows.stop
+    return float(size + np.sum(paid))
 
 
 def _is_unbounded(qp: ConicQP) -> bool:
