@@ -184,7 +184,7 @@ def all_tables(study: Study) -> list[Table]:
     starts = [starts_table(study, i) for i in range(len(study.suites))]
     flown = [] if study.flight is None else [errors_table(study, study.flight), plans_table(study.flight)]
     return [
-        subsets_table(study),
+        subsets_table(study.analyses),
         paths_table(study),
         *starts,
         questions_table(study, study.selection.filter),
@@ -279,7 +279,7 @@ def test_dimensions_are_those_of_brace_and_morgansen(aerosonde):
     # Brace and Morgansen: Sigma_D straight and turning
     straight = {"gps": 4, "magnetometer": 1, "range": 3, "bearing": 3, "range + bearing": 4, "gps + bearing": 5, "gps + range": 4}
     turning = {"gps": 5, "magnetometer": 1, "range": 4, "bearing": 4, "range + bearing": 4, "gps + bearing": 5, "gps + range": 5}
-    rows = {row[0].text: row for row in subsets_table(aerosonde).rows}
+    rows = {row[0].text: row for row in subsets_table(aerosonde.analyses).rows}
     assert len(rows) == 15
     for column, truth in ((1, straight), (2, turning)):
         assert {name: int(rows[name][column].text[0]) for name in truth} == truth

@@ -3,12 +3,29 @@
 from __future__ import annotations
 
 from obsdesign.cli.verb import Verb
-from obsdesign.cli.verbs import check, compare, design, doctor, export, init, log, replay, report, run, schema, select, sweep, validate
+from obsdesign.cli.verbs import (
+    analyse,
+    check,
+    compare,
+    design,
+    doctor,
+    export,
+    init,
+    log,
+    replay,
+    report,
+    run,
+    schema,
+    select,
+    sweep,
+    validate,
+)
 
 VERBS: tuple[Verb, ...] = (
     init.VERB,
     check.VERB,
     schema.VERB,
+    analyse.VERB,
     run.VERB,
     design.VERB,
     select.VERB,

@@ -30,6 +30,16 @@ def check_expectations(expected: Sequence[Expected], result: Mapping[str, Any]) 
     return [Expectation(**entry.model_dump(), found=value, met=_is_met(entry, value)) for entry, value in pairs]
 
 
+def unmet_lines(expected: Sequence[Expectation], file: str) -> tuple[str, ...]:
+    """Return a line for each known truth that the result in `file` misses."""
+    return tuple(
+        f"expected {entry.key} = {entry.value} within {entry.tolerance} ({entry.source}): "
+        + (f"no such key in {file}" if entry.found is None else f"found {entry.found}")
+        for entry in expected
+        if not entry.met
+    )
+
+
 def _value_at(key: str, result: Any) -> Any:  # noqa: ANN401
     """The single value under a dotted key, or None."""
     value = result

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from obsdesign.report.number_format import plain
 from obsdesign.report.page import environment
+from obsdesign.report.question_to_document import versions
 from obsdesign.report.section import Section
 from obsdesign.report.sections import codesign, design, flight, observability, rating, schedule, summary, validation, way_points
 from obsdesign.report.sections.glossary import glossary
-from obsdesign.report.to_document import versions
 from obsdesign.study.record import Study
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from obsdesign.report.number_format import numeral, with_unit
 from obsdesign.report.page import environment
+from obsdesign.report.question_to_document import versions
 from obsdesign.report.replay_sections import drive, fewer_sensors, fit, hard_windows, sensors, states
 from obsdesign.report.section import KeyNumber, Section
-from obsdesign.report.to_document import versions
 from obsdesign.study.log_study import LogStudy
 
 

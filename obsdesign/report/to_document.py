@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import platform
 from dataclasses import asdict
-from importlib.metadata import version
-from pathlib import Path
 from statistics import median
 
 import numpy as np
 
-import obsdesign
 from obsdesign.design.record import Design
 from obsdesign.joint.result import AnyJoint
 from obsdesign.planning.closed_loop import Flight
@@ -28,7 +24,7 @@ from obsdesign.report.document import (
     SelectionPart,
     ValidationPart,
 )
-from obsdesign.report.document_parts import JointBoundPart, JointCertificatePart, ScenarioPart, VerdictPart
+from obsdesign.report.document_parts import JointBoundPart, JointCertificatePart
 from obsdesign.report.expectations import check_expectations
 from obsdesign.report.paths_to_document import (
     design_part,
@@ -38,15 +34,14 @@ from obsdesign.report.paths_to_document import (
     violation_parts,
     way_points_part,
 )
+from obsdesign.report.question_to_document import scenario_part, verdict_part, versions
 from obsdesign.report.schedules_to_document import cheapest_part, filter_part
 from obsdesign.report.sections.flight import final_errors, flight_violations, smallest_margin
 from obsdesign.report.study_record import encode_study
 from obsdesign.selection.pareto import Pareto
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
-from obsdesign.study.record import Analysis, Study
-
-_PACKAGES = ("casadi", "clarabel", "cvxpy", "numpy", "python-flint", "scipy")
+from obsdesign.study.record import Study
 
 
 def document_of(study: Study) -> Result:
@@ -54,11 +49,6 @@ def document_of(study: Study) -> Result:
     draft = _build_document(study)
     expected = check_expectations(study.scenario.expected, draft.model_dump())
     return draft.model_copy(update={"expected": expected, "record": encode_study(study) if study.scenario.source else []})
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that may change a number."""
-    return {"obsdesign": obsdesign.__version__, "python": platform.python_version()} | {name: version(name) for name in _PACKAGES}
 
 
 def _build_document(study: Study) -> Result:
@@ -70,11 +60,12 @@ def _build_document(study: Study) -> Result:
             checks.setdefault(check.path, {})[check.schedule] = validation_part(study.scenario.state_names, check.validation)
     return Result(
         schema_version=SCHEMA_VERSION,
-        scenario=_scenario(study),
+        scenario=scenario_part(study.scenario),
         seed=study.seed,
         versions=versions(),
         analyses={
-            name: {"+".join(entry.sensors): _verdict(entry) for entry in study.analyses if entry.manoeuvre == name} for name in manoeuvres
+            name: {"+".join(entry.sensors): verdict_part(entry.verdict) for entry in study.analyses if entry.manoeuvre == name}
+            for name in manoeuvres
         },
         designs={suite: design_part(design) for suite, design in zip(suites, study.designs, strict=True)},
         paths={candidate.name: path_part(study, candidate) for candidate in study.candidates},
@@ -87,35 +78,6 @@ def _build_document(study: Study) -> Result:
         way_points=[way_points_part(thinned) for thinned in study.way_points],
         expected=[],
         timings=_timings(study),
-    )
-
-
-def _scenario(study: Study) -> ScenarioPart:
-    scenario = study.scenario
-    return ScenarioPart(
-        title=scenario.title,
-        file=Path(scenario.file).name,
-        sha256=scenario.digest,
-        source=scenario.source,
-        states=list(scenario.state_names),
-        state_units=[signal.unit for signal in scenario.states],
-        sensors=list(scenario.sensor_names),
-    )
-
-
-def _verdict(analysis: Analysis) -> VerdictPart:
-    verdict = analysis.verdict
-    return VerdictPart(
-        dimension=verdict.dimension,
-        states=len(verdict.null_space),
-        observable=verdict.observable,
-        decided=verdict.decided,
-        ranks=list(verdict.ranks),
-        observable_states=list(verdict.observable_states),
-        unobservable_states=list(verdict.unobservable_states),
-        hidden=verdict.hidden,
-        null_space=verdict.null_space.T.tolist(),
-        proof=verdict.proof,
     )
 
 

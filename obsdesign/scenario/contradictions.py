@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import obsdesign.criteria
 from obsdesign.errors import InputError
 from obsdesign.families import kinds
+from obsdesign.scenario.analysis_problems import find_analysis_problems
 from obsdesign.scenario.criterion_problems import criteria_of_matrices, find_criterion_problems, find_weight_problems
 from obsdesign.scenario.path_problems import (
     find_baseline_problems,
@@ -28,8 +29,11 @@ if TYPE_CHECKING:
 _MAX_STEPS = 1_000_000  # of a path that is designed and reported: more do not fit into memory
 
 
-def find_contradictions(scenario: Scenario, has_path: bool = False) -> Iterator[Problem]:
-    """Yield what is wrong between values that are each acceptable; has_path: there is a path beside the scenario's own."""
+def find_contradictions(scenario: Scenario, has_path: bool = False, has_verdicts_alone: bool = False) -> Iterator[Problem]:
+    """Yield what is wrong between values that are each acceptable.
+
+    has_path: there is a path beside the scenario's own; has_verdicts_alone: nothing is asked but what its sensors can see.
+    """
     if excess := list(_size_problems(scenario)):
         yield from excess  # nothing else could be looked at in finite time
         return
@@ -38,7 +42,10 @@ def find_contradictions(scenario: Scenario, has_path: bool = False) -> Iterator[
     except InputError as error:  # groups, scales and biases of sensors that do not fit together
         yield Problem(("sensors",), str(error))
         return
-    yield from _name_problems(scenario)
+    yield from _name_problems(scenario, has_verdicts_alone)
+    yield from find_analysis_problems(scenario)
+    if has_verdicts_alone:
+        return
     yield from _value_problems(scenario)
     yield from _choice_problems(scenario)
     yield from _selection_problems(scenario)
@@ -66,11 +73,11 @@ def _size_problems(scenario: Scenario) -> Iterator[Problem]:
             yield Problem(("time", "duration"), message)
 
 
-def _name_problems(scenario: Scenario) -> Iterator[Problem]:
+def _name_problems(scenario: Scenario, has_verdicts_alone: bool) -> Iterator[Problem]:
     states, inputs = scenario.state_names, [signal.name for signal in scenario.vehicle.inputs]
     tables: list[tuple[Location, Sequence[str], Sequence[str], bool]] = [
-        (("start",), tuple(scenario.start), states, True),
-        (("prior",), tuple(scenario.prior), states, True),
+        (("start",), tuple(scenario.start), states, bool(scenario.start) or not has_verdicts_alone),
+        (("prior",), tuple(scenario.prior), states, not has_verdicts_alone),
         (("process_noise",), tuple(scenario.process_noise), (*states, *inputs), False),
         (("design", "bounds"), tuple(scenario.design.bounds), inputs, scenario.design.path is not None),
         (("design", "rates"), tuple(scenario.design.rates), inputs, False),

@@ -6,7 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
+from obsdesign.scenario.analysis_defaults import with_analysis_defaults
 from obsdesign.scenario.contradictions import find_contradictions
 from obsdesign.scenario.degrees import SUFFIX, in_radians, non_angles
 from obsdesign.scenario.key_lines import line_of
@@ -46,12 +47,21 @@ def load_scenario(file: str | Path) -> Scenario:
     Raises ScenarioError for a file that cannot be read, for TOML that is none (line and column), and for every key that is
     unknown, missing or has a value that is not accepted: all of them in one message.
     """
-    return _load(Path(file), has_path=False)
+    return _load(Path(file), _Use())
+
+
+@dataclass(frozen=True)
+class _Use:
+    """What a scenario is read for: a path that stands in a file of its own; a log, with its landmarks by name; verdicts alone."""
+
+    has_path: bool = False
+    landmarks: Landmarks | None = None
+    has_verdicts_alone: bool = False
 
 
 def load_scenario_of_path(file: Path) -> Scenario:
     """Read and check a scenario for a path that stands in a file of its own, so that no [design] is needed; see load_scenario."""
-    return _load(file, has_path=True)
+    return _load(file, _Use(has_path=True))
 
 
 def load_scenario_of_log(file: Path, landmarks: Landmarks) -> Scenario:
@@ -59,22 +69,17 @@ def load_scenario_of_log(file: Path, landmarks: Landmarks) -> Scenario:
 
     landmarks: places by name, for sensors without a beacon of their own.
     """
-    return _load(file, has_path=True, landmarks=landmarks)
+    return _load(file, _Use(has_path=True, landmarks=landmarks))
+
+
+def load_scenario_to_analyse(file: Path) -> Scenario:
+    """Read and check a scenario of which verdicts alone are asked: no [design], [start], [prior], [time] are needed; see load_scenario."""
+    return _load(file, _Use(has_path=True, has_verdicts_alone=True))
 
 
 def scenario_from_text(text: str, file: str) -> Scenario:
     """Check the text of a scenario, for its own paths or for others; `file`: what messages call it. See load_scenario."""
-    return _parse(text, Path(file), has_path=True)
-
-
-def _load(file: Path, has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
-    try:
-        text = file.read_bytes().decode()
-    except OSError as error:
-        raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
-    return _parse(text, file, has_path, landmarks)
+    return _parse(text, Path(file), _Use(has_path=True))
 
 
 def scenario_from_data(data: dict[str, Any], file: str, digest: str) -> Scenario:
@@ -82,23 +87,38 @@ def scenario_from_data(data: dict[str, Any], file: str, digest: str) -> Scenario
 
     digest: what stands for the sha256 of its file.
     """
-    return _check(data, {"file": file, "digest": digest, "source": ""}, has_path=False)
+    return _check(data, {"file": file, "digest": digest, "source": ""}, _Use())
 
 
-def _parse(text: str, file: Path, has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
+def _load(file: Path, use: _Use) -> Scenario:
+    try:
+        text = file.read_bytes().decode()
+    except OSError as error:
+        raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{file}: is not UTF-8 text (byte {error.start})") from None
+    return _parse(text, file, use)
+
+
+def _parse(text: str, file: Path, use: _Use) -> Scenario:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{file}: not valid TOML: {error}") from None
-    return _check(data, {"file": str(file), "digest": hashlib.sha256(text.encode()).hexdigest(), "source": text}, has_path, landmarks)
+    return _check(data, {"file": str(file), "digest": hashlib.sha256(text.encode()).hexdigest(), "source": text}, use)
 
 
-def _check(data: dict[str, Any], internal: dict[str, str], has_path: bool, landmarks: Landmarks | None = None) -> Scenario:
-    """Return the scenario of TOML data; internal: what the record says of its file. Raises ScenarioError with all that is wrong."""
-    has_log = landmarks is not None or "replay" in data
-    upgrade = upgrade_data(with_log_defaults(data, landmarks or {}) if has_log else data)
+def _check(data: dict[str, Any], internal: dict[str, str], use: _Use) -> Scenario:
+    """Return the scenario of TOML data; internal: what the record says of its file. Raises ScenarioError with all that is wrong.
+
+    Of a file that has [analysis] and no [start] verdicts alone are asked, whoever reads it.
+    """
+    has_log = use.landmarks is not None or "replay" in data
+    has_verdicts_alone = use.has_verdicts_alone or ("analysis" in data and "start" not in data)
+    completed = with_log_defaults(data, use.landmarks or {}) if has_log else with_analysis_defaults(data) if has_verdicts_alone else data
+    upgrade = upgrade_data(completed)
     reserved_keys = [unknown_key((key,), key, _keys_at(())) for key in _INTERNAL_FIELDS if key in data]
-    scenario, problems = _validate(upgrade.data, internal, has_path or has_log)
+    scenario, problems = _validate(upgrade.data, internal, use.has_path or has_log or has_verdicts_alone, has_verdicts_alone)
     problems = [*upgrade.problems, *reserved_keys, *problems]
     if scenario is None or problems:
         raise _error(Path(internal["file"]), internal["source"], data, problems)
@@ -126,7 +146,9 @@ def _error(file: Path, text: str, data: dict[str, Any], problems: Sequence[Probl
     )
 
 
-def _validate(data: dict[str, Any], internal: dict[str, str], has_path: bool) -> tuple[Scenario | None, list[Problem]]:
+def _validate(
+    data: dict[str, Any], internal: dict[str, str], has_path: bool, has_verdicts_alone: bool
+) -> tuple[Scenario | None, list[Problem]]:
     oversized = list(too_large(data))
     if oversized:
         return None, oversized
@@ -138,7 +160,9 @@ def _validate(data: dict[str, Any], internal: dict[str, str], has_path: bool) ->
         told = [detail for detail in error.errors() if not (of_another_type(detail, data) or of_a_part(detail, data))]
         return None, [describe_error(detail, data, _keys_at) for detail in told]
     wrong = [Problem(location, _no_angle_message(location)) for location in non_angles({**data, "sweep": {}}, scenario)]
-    contradictions = [Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path)]
+    contradictions = [
+        Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path, has_verdicts_alone)
+    ]
     return scenario, wrong + contradictions
 
 

@@ -11,6 +11,7 @@ import obsdesign.criteria
 import obsdesign.sensors
 import obsdesign.vehicles
 from obsdesign.families import leaf
+from obsdesign.scenario.analysis_table import AnalysisTable
 from obsdesign.scenario.design_tables import CodesignTable, DesignTable
 from obsdesign.scenario.kind_tables import family_of, in_degrees_too
 from obsdesign.scenario.log_schema import require_unless_replayed
@@ -87,6 +88,8 @@ class Scenario(ScenarioTable):
     """A flight with the filter in the loop; None = not asked for."""
     replay: ReplayTable = Field(default_factory=ReplayTable)
     """How a log is replayed; a file that has this table needs no [design], [start] and [time]."""
+    analysis: AnalysisTable = Field(default_factory=AnalysisTable)
+    """What verdicts are asked of; a file that has this table and no [start] needs no [prior], [time] and [design]."""
     sweep: SweepTable | None = None
     """What a sweep of it varies; None = nothing."""
     expected: tuple[Expected, ...] = ()

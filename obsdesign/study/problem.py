@@ -20,7 +20,11 @@ from obsdesign.trajectory import Trajectory
 
 
 def start_of(scenario: Scenario) -> np.ndarray:
-    """x(t_0) (n,)."""
+    """x(t_0) (n,). Raises InputError for a scenario without one, of which verdicts alone are asked."""
+    if not scenario.start:
+        raise InputError(
+            f"{scenario.file}: there is no [start]: what its sensors can see is all that can be said of it (obsdesign analyse)"
+        )
     return np.array([scenario.start[name] for name in scenario.state_names])
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from obsdesign.files import write_files
 from obsdesign.report.number_format import NOTHING, join, numeral
 from obsdesign.report.page import environment
+from obsdesign.report.question_to_document import versions
 from obsdesign.report.section import Section
 from obsdesign.report.sweep_figures import small_multiples, trade_off
 from obsdesign.report.sweep_figures.small_multiples import Panel
 from obsdesign.report.table import Entry, Table, TableColumn, Toned, tabulate
-from obsdesign.report.to_document import versions
 from obsdesign.scenario.schema import Scenario
 from obsdesign.sweeps.headline import in_words, sense
 from obsdesign.sweeps.sweep_record import Sweep, SweepRun

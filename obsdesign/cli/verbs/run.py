@@ -16,7 +16,6 @@ from obsdesign.interrupts import process_pool
 
 if TYPE_CHECKING:
     from obsdesign.exchange.export_result import Export, ExportSettings
-    from obsdesign.report.document import Result
     from obsdesign.scenario.schema import Scenario
     from obsdesign.study.record import Study
 
@@ -31,6 +30,7 @@ def run_scenario(options: Namespace) -> Outcome:
     require_writable(folder)
     settings = _export_settings(options, scenario)
 
+    from obsdesign.report.expectations import unmet_lines
     from obsdesign.report.folder import write_report
     from obsdesign.report.terminal import summary_of, unkept_requirements
     from obsdesign.study.runner import run
@@ -42,7 +42,7 @@ def run_scenario(options: Namespace) -> Outcome:
     result = write_report(folder, study)
     lines = tuple(line for done in exports for line in export_lines(done))
     shown = (summary_of(result), f"\nWritten to {folder}/: open report.html", *lines)
-    missed = (*unkept_requirements(result), *_missed_expectations(result))
+    missed = (*unkept_requirements(result), *unmet_lines(result.expected, "result.json"))
     return Outcome(result.model_dump(mode="json"), shown, missed, ExitCode.NO if missed else ExitCode.DONE)
 
 
@@ -63,16 +63,6 @@ def _exports(options: Namespace, settings: ExportSettings | None, study: Study, 
     from obsdesign.exchange.export_result import export_study
 
     return [export_study(study, word, folder, settings) for word in options.export]
-
-
-def _missed_expectations(result: Result) -> tuple[str, ...]:
-    """Return a line for each known truth that the result misses."""
-    return tuple(
-        f"expected {entry.key} = {entry.value} within {entry.tolerance} ({entry.source}): "
-        + ("no such key in result.json" if entry.found is None else f"found {entry.found}")
-        for entry in result.expected
-        if not entry.met
-    )
 
 
 EXPORT = Argument("--export", "also write the path as ..., such as plan,kml; see export", formats_type, (), variable="FORMATS")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.number_format import NARROW, join, numeral, typeset
@@ -15,8 +17,12 @@ _FEW = 2  # manoeuvres that are told one by one
 
 def section(study: Study) -> Section:
     """Return the answer to "Can it?"."""
-    hidden = tuple(hidden_table(study, analysis) for suite in study.suites for analysis in facts.unobservable_analyses(study, suite))
-    return Section("can", "Can it?", answer(study), (), (subsets_table(study), *hidden), (_proof_note(study),))
+    hidden = tuple(
+        hidden_table(facts.states_of(study), facts.sensors_in_words(study, suite), analysis)
+        for suite in study.suites
+        for analysis in facts.unobservable_analyses(study, suite)
+    )
+    return Section("can", "Can it?", answer(study), (), (subsets_table(study.analyses), *hidden), (_proof_note(study),))
 
 
 def answer(study: Study) -> str:
@@ -56,22 +62,27 @@ def _misses(study: Study, suite: tuple[str, ...]) -> str:
 
 
 def _proof_note(study: Study) -> str:
-    """Say how the dimensions were decided."""
-    undecided = [analysis for analysis in study.analyses if not analysis.verdict.decided]
-    how = "Dimensions are decided in ball arithmetic, which encloses every rounding error, not read off floating-point singular values."
-    total = len(study.analyses)
-    count = f"{len(undecided)} of {total} are undecided (marked ≥)" if undecided else f"All {total} are decided"
+    """Say how the dimensions were decided, and of one verdict what its proof is."""
     shown = (*(analysis for suite in study.suites for analysis in facts.unobservable_analyses(study, suite)), *study.analyses)[0]
     who = f"{facts.sensors_in_words(study, shown.sensors)}, {shown.manoeuvre}"
-    return f"{how} {count}. For {who}: {typeset(shown.verdict.proof)}."
+    return f"{decision_note(study.analyses)} For {who}: {typeset(shown.verdict.proof)}."
 
 
-def subsets_table(study: Study) -> Table:
+def decision_note(analyses: Sequence[Analysis]) -> str:
+    """Say how the dimensions were decided."""
+    undecided = [analysis for analysis in analyses if not analysis.verdict.decided]
+    how = "Dimensions are decided in ball arithmetic, which encloses every rounding error, not read off floating-point singular values."
+    total = len(analyses)
+    count = f"{len(undecided)} of {total} are undecided (marked ≥)" if undecided else f"All {total} are decided"
+    return f"{how} {count}."
+
+
+def subsets_table(analyses: Sequence[Analysis]) -> Table:
     """Dimension of the observable space for every subset of the sensors and every manoeuvre, hidden directions as notes."""
-    verdicts = {(analysis.sensors, analysis.manoeuvre): analysis.verdict for analysis in study.analyses}
+    verdicts = {(analysis.sensors, analysis.manoeuvre): analysis.verdict for analysis in analyses}
     subsets, manoeuvres = dict.fromkeys(key[0] for key in verdicts), dict.fromkeys(key[1] for key in verdicts)
     hidden = tuple(dict.fromkeys(verdict.hidden for verdict in verdicts.values() if not verdict.observable))
-    n, letters = len(study.scenario.state_names), " Letters name what stays hidden." if hidden else ""
+    n, letters = len(analyses[0].verdict.null_space), " Letters name what stays hidden." if hidden else ""
     return tabulate(
         "Dimension of the observable space",
         f"Good is {n} of {n}: every state can be found from the measurements.{letters}",
@@ -81,16 +92,15 @@ def subsets_table(study: Study) -> Table:
     )
 
 
-def hidden_table(study: Study, analysis: Analysis) -> Table:
-    """The hidden directions of one suite in one manoeuvre as vectors."""
+def hidden_table(states: Sequence[Signal], who: str, analysis: Analysis) -> Table:
+    """The hidden directions of one suite in one manoeuvre as vectors; who: what the suite is called."""
     space = analysis.verdict.null_space
     columns = range(space.shape[1])
-    who = facts.sensors_in_words(study, analysis.sensors)
     return tabulate(
         f"What {who} cannot see, {analysis.manoeuvre}",
         "Good would be no direction at all. Moving the start state by any multiple of a column changes no measurement (to first order).",
         (TableColumn("state"), *(TableColumn(f"direction {k + 1}") for k in columns)),
-        ((signal.name, *(_component(space[i, k], signal) for k in columns)) for i, signal in enumerate(facts.states_of(study))),
+        ((signal.name, *(_component(space[i, k], signal) for k in columns)) for i, signal in enumerate(states)),
     )
 
 

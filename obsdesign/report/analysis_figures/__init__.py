@@ -1,0 +1,1 @@
+"""Figures of verdicts: one file each, which returns its picture with its caption to the page."""

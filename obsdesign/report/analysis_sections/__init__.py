@@ -1,0 +1,1 @@
+"""Sections of the page of verdicts: one file each, which answers one question."""

@@ -1,0 +1,73 @@
+"""What stays hidden from all sensors together, and why?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from obsdesign.analysis.verdict import Verdict
+from obsdesign.report.number_format import NOTHING, numeral, typeset
+from obsdesign.report.section import Section
+from obsdesign.report.sections.observability import hidden_table
+from obsdesign.report.table import Table, TableColumn, tabulate
+from obsdesign.study.analysis_study import AnalysisStudy, cases_apart
+
+
+def section(study: AnalysisStudy) -> Section | None:
+    """Return what the largest suites miss, case by case; None where they miss nothing."""
+    largest = {each.sensors for each in study.of_all_sensors}
+    missing = [each for each in cases_apart(study) if each.sensors in largest and not each.verdict.observable]
+    if not missing:
+        return None
+    who = "all sensors together" if len(study.scenario.sensor_names) > 1 else "the sensor"
+    tables = [hidden_table(study.scenario.states, who, each) for each in missing]
+    several = len(missing) > 1
+    notes = [f"{each.manoeuvre}: {_sentence(each.verdict)}" if several else _sentence(each.verdict) for each in missing]
+    return Section("hidden", "What stays hidden, and why?", "", (), tuple(tables), tuple(dict.fromkeys(notes)))
+
+
+def _sentence(verdict: Verdict) -> str:
+    return typeset(f"{verdict.hidden}.")
+
+
+def growth_section(study: AnalysisStudy) -> Section:
+    """Return how the dimension grew with the derivatives, and what was proven."""
+    return Section("proof", "How is that known?", _point_text(study), (), (_growth_table(study),), tuple(dict.fromkeys(_proofs(study))))
+
+
+def _growth_table(study: AnalysisStudy) -> Table:
+    """Ranks after 0, 1, 2, ... steps for every case."""
+    cases = cases_apart(study)
+    steps = max(len(each.verdict.ranks) for each in cases)
+    heads = (TableColumn("sensors"), TableColumn("case"), *(TableColumn(str(k)) for k in range(steps)), TableColumn("ended by"))
+    rows = ((" + ".join(each.sensors), each.manoeuvre, *_ranks(each.verdict, steps), _STOPS[each.verdict.stopped_by]) for each in cases)
+    good = "Columns count derivatives: how many combinations of states are known from outputs and their derivatives up to that order."
+    return tabulate("Dimension, derivative by derivative", good, heads, rows)
+
+
+def _ranks(verdict: Verdict, steps: int) -> Iterator[str]:
+    yield from (str(rank) for rank in verdict.ranks)
+    yield from [NOTHING] * (steps - len(verdict.ranks))
+
+
+_STOPS = {
+    "full": "all is seen",
+    "criterion": "one more derivative adds nothing",
+    "cap": "as much as if all inputs were known",
+    "bound": "as many derivatives as can matter",
+    "stalled": "no growth for long: a lower bound",
+    "precision": "digits: a lower bound",
+}
+
+
+def _point_text(study: AnalysisStudy) -> str:
+    """Say which point the verdicts are about."""
+    if study.at is None:
+        return "The verdicts hold at almost every state."
+    values = ", ".join(f"{name} = {numeral(float(value), 6)}" for name, value in zip(study.scenario.state_names, study.at, strict=True))
+    return f"The verdicts hold at {values}."
+
+
+def _proofs(study: AnalysisStudy) -> Iterator[str]:
+    for each in cases_apart(study):
+        if each.sensors in {whole.sensors for whole in study.of_all_sensors}:
+            yield f"{' + '.join(each.sensors)}, {each.manoeuvre}: {typeset(each.verdict.proof)}."

@@ -1,0 +1,52 @@
+"""What does each suite of sensors see?"""
+
+from __future__ import annotations
+
+from obsdesign.report.analysis_figures import dimension_map, rank_growth
+from obsdesign.report.number_format import join
+from obsdesign.report.section import Section
+from obsdesign.report.sections.observability import decision_note, subsets_table
+from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart
+
+
+def section(study: AnalysisStudy) -> Section:
+    """Return the table of all cases, and its picture."""
+    cases = cases_apart(study)
+    pictures = tuple(filter(None, (dimension_map.picture(cases), rank_growth.picture(study))))
+    return Section(
+        "sees", "What does each suite of sensors see?", answer(study), pictures, (subsets_table(cases),), (decision_note(cases),)
+    )
+
+
+def answer(study: AnalysisStudy) -> str:
+    """Say in which cases all sensors together see everything, and which smaller suites do so in every case."""
+    n = len(study.scenario.state_names)
+    whole = study.of_all_sensors
+    good = [case_name(study, each) for each in whole if each.verdict.observable]
+    who = "All sensors together" if len(study.scenario.sensor_names) > 1 else "The sensor"
+    if len(whole) == 1:
+        verdict = whole[0].verdict
+        sees = f"all {n} states" if verdict.observable else f"{verdict.dimension} of {n} dimensions: {verdict.hidden}"
+        return f"{who} see{'s' if who == 'The sensor' else ''} {sees}.{_smaller(study)}"
+    said = f"in {join(good)}" if 0 < len(good) < len(whole) else "in every case" if good else "in no case"
+    return f"{who} see{'s' if who == 'The sensor' else ''} all {n} states {said}.{_smaller(study)}"
+
+
+def _smaller(study: AnalysisStudy) -> str:
+    """The smallest suites that see everything in every case in which all sensors do."""
+    possible = {case_name(study, each) for each in study.of_all_sensors if each.verdict.observable}
+    suites = [
+        suite
+        for suite in dict.fromkeys(each.sensors for each in study.analyses)
+        if possible <= {case_name(study, each) for each in study.analyses if each.sensors == suite and each.verdict.observable}
+    ]
+    if not possible or not suites:
+        return ""
+    fewest = min(map(len, suites))
+    if fewest == len(study.scenario.sensor_names):
+        return " None of them can be spared." if fewest > 1 else ""
+    return f" So {_do(fewest)} {join([' + '.join(suite) for suite in suites if len(suite) == fewest], 'or')} alone."
+
+
+def _do(fewest: int) -> str:
+    return "does" if fewest == 1 else "do"

@@ -1,0 +1,107 @@
+"""What every suite of sensors sees, under every class of disturbances, in every manoeuvre: no path, no filter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from obsdesign.analysis.polynomial_inputs import Polynomial
+from obsdesign.analysis.query import Disturbance, observability_of
+from obsdesign.arguments import validate_arguments
+from obsdesign.progress import Progress
+from obsdesign.scenario.schema import Scenario
+from obsdesign.study.record import Analysis
+
+_FEW_SENSORS = 5  # of which every subset is looked at
+
+
+@dataclass(frozen=True, eq=False)
+class AnalysisStudy:
+    """The verdicts of a scenario: sensors within manoeuvres within disturbances; at (n,): the state asked about, None = generic."""
+
+    scenario: Scenario
+    seed: int
+    at: np.ndarray | None
+    analyses: tuple[Analysis, ...]
+
+    @property
+    def manoeuvres(self) -> tuple[str, ...]:
+        """Names of the ways of moving."""
+        return tuple(dict.fromkeys(analysis.manoeuvre for analysis in self.analyses))
+
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """The classes of unknown inputs, in words."""
+        return tuple(dict.fromkeys(analysis.verdict.disturbance for analysis in self.analyses))
+
+    @property
+    def of_all_sensors(self) -> tuple[Analysis, ...]:
+        """The verdicts about all sensors together, or, where that was not asked, about the largest suites."""
+        largest = max(len(analysis.sensors) for analysis in self.analyses)
+        return tuple(analysis for analysis in self.analyses if len(analysis.sensors) == largest)
+
+
+@validate_arguments
+def analyse_scenario(scenario: Scenario, seed: int | None = None, progress: Progress | None = None) -> AnalysisStudy:
+    """Return the verdict of every case of a scenario: see [analysis] and [[manoeuvres]].
+
+    Arguments:
+        scenario: what is asked; its [start], [time] and [design] are not needed.
+        seed: of the generic points; None = the scenario's.
+        progress: is called with how far it is; None = nobody is told.
+    Raises InputError for a point outside a function's domain.
+    """
+    seed, at = scenario.seed if seed is None else seed, point_of(scenario)
+    cases = list(_cases(scenario))
+    analyses: list[Analysis] = []
+    for done, (disturbance, manoeuvre, held, sensors) in enumerate(cases):
+        if progress is not None:
+            progress(f"{done} of {len(cases)} cases")
+        verdict = observability_of(
+            scenario.system.model.only(sensors),
+            at,
+            held,
+            disturbance,
+            scenario.analysis.known_inputs,
+            seed,
+        )
+        analyses.append(Analysis(manoeuvre, sensors, verdict))
+    return AnalysisStudy(scenario, seed, at, tuple(analyses))
+
+
+def point_of(scenario: Scenario) -> np.ndarray | None:
+    """Return the state (n,) that is asked about, None = a generic one."""
+    point = scenario.analysis.point
+    if point == "generic" or (point == "start" and not scenario.start):
+        return None
+    values = scenario.start if point == "start" else point
+    return np.array([values[name] for name in scenario.state_names])
+
+
+def subsets_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
+    """Return the suites that are looked at: those of the file, or every one; of many sensors each alone, all but one, and all."""
+    names, given = scenario.sensor_names, scenario.analysis.subsets
+    sizes = range(1, len(names) + 1) if len(names) <= _FEW_SENSORS else sorted({1, len(names) - 1, len(names)})
+    return given or tuple(subset for size in sizes for subset in combinations(names, size))
+
+
+def _cases(scenario: Scenario) -> Iterator[tuple[Disturbance, str, dict[str, float], tuple[str, ...]]]:
+    has_unknown = bool(scenario.system.model.unknown_inputs)
+    for given in scenario.analysis.disturbances if has_unknown else ("arbitrary",):
+        disturbance: Disturbance = "arbitrary" if given == "arbitrary" else Polynomial(given)
+        for manoeuvre in scenario.manoeuvres:
+            yield from ((disturbance, manoeuvre.name, manoeuvre.held, sensors) for sensors in subsets_of(scenario))
+
+
+def cases_apart(study: AnalysisStudy) -> tuple[Analysis, ...]:
+    """Return the verdicts, each with the name of its case for its manoeuvre."""
+    return tuple(replace(each, manoeuvre=case_name(study, each)) for each in study.analyses)
+
+
+def case_name(study: AnalysisStudy, analysis: Analysis) -> str:
+    """Return what a case is called: its manoeuvre, and its disturbance where there are several classes."""
+    names = (analysis.manoeuvre, len(study.manoeuvres)), (analysis.verdict.disturbance, len(study.disturbances))
+    return ", ".join(name for name, count in names if count > 1) or analysis.manoeuvre
