@@ -25,9 +25,9 @@ def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
     """Return the document of a scenario's verdicts, expectations checked."""
     scenario = study.scenario
     verdicts: dict[str, dict[str, dict[str, VerdictPart]]] = {}
-    for each in study.analyses:
-        by_sensors = verdicts.setdefault(each.manoeuvre, {}).setdefault(each.verdict.disturbance, {})
-        by_sensors["+".join(each.sensors)] = verdict_part(each.verdict)
+    for analysis in study.analyses:
+        by_sensors = verdicts.setdefault(analysis.manoeuvre, {}).setdefault(analysis.verdict.disturbance, {})
+        by_sensors["+".join(analysis.sensors)] = verdict_part(analysis.verdict)
     draft = AnalysisDocument(
         scenario=scenario_part(scenario),
         seed=study.seed,

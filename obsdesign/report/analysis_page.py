@@ -31,4 +31,6 @@ def analysis_page(study: AnalysisStudy) -> str:
 def _headline(study: AnalysisStudy) -> tuple[KeyNumber, ...]:
     """Return what all sensors together see in each case, the first few."""
     n = len(study.scenario.state_names)
-    return tuple(KeyNumber("sees", f"{each.verdict.dimension} of {n}", case_name(study, each)) for each in study.of_all_sensors[:6])
+    return tuple(
+        KeyNumber("sees", f"{analysis.verdict.dimension} of {n}", case_name(study, analysis)) for analysis in study.of_all_sensors[:6]
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from obsdesign.analysis.query import Disturbance, observability_of
 from obsdesign.arguments import validate_arguments
 from obsdesign.progress import Progress
 from obsdesign.scenario.schema import Scenario
+from obsdesign.scenario.tables import Manoeuvre
 from obsdesign.study.record import Analysis
 
 _FEW_SENSORS = 5  # of which every subset is looked at
@@ -55,20 +57,13 @@ def analyse_scenario(scenario: Scenario, seed: int | None = None, progress: Prog
     Raises InputError for a point outside a function's domain.
     """
     seed, at = scenario.seed if seed is None else seed, point_of(scenario)
-    cases = list(_cases(scenario))
-    analyses: list[Analysis] = []
-    for done, (disturbance, manoeuvre, held, sensors) in enumerate(cases):
+    cases, analyses = list(_cases(scenario)), list[Analysis]()
+    for done, case in enumerate(cases):
         if progress is not None:
             progress(f"{done} of {len(cases)} cases")
-        verdict = observability_of(
-            scenario.system.model.only(sensors),
-            at,
-            held,
-            disturbance,
-            scenario.analysis.known_inputs,
-            seed,
-        )
-        analyses.append(Analysis(manoeuvre, sensors, verdict))
+        model, known_inputs = scenario.system.model.only(case.sensors), scenario.analysis.known_inputs
+        verdict = observability_of(model, at, case.manoeuvre.held, case.disturbance, known_inputs, seed)
+        analyses.append(Analysis(case.manoeuvre.name, case.sensors, verdict))
     return AnalysisStudy(scenario, seed, at, tuple(analyses))
 
 
@@ -88,17 +83,29 @@ def subsets_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
     return given or tuple(subset for size in sizes for subset in combinations(names, size))
 
 
-def _cases(scenario: Scenario) -> Iterator[tuple[Disturbance, str, dict[str, float], tuple[str, ...]]]:
+@dataclass(frozen=True)
+class _Case:
+    """One verdict that is asked for."""
+
+    disturbance: Disturbance
+    manoeuvre: Manoeuvre
+    sensors: tuple[str, ...]
+
+
+def _cases(scenario: Scenario) -> Iterator[_Case]:
     has_unknown = bool(scenario.system.model.unknown_inputs)
     for given in scenario.analysis.disturbances if has_unknown else ("arbitrary",):
-        disturbance: Disturbance = "arbitrary" if given == "arbitrary" else Polynomial(given)
         for manoeuvre in scenario.manoeuvres:
-            yield from ((disturbance, manoeuvre.name, manoeuvre.held, sensors) for sensors in subsets_of(scenario))
+            yield from (_Case(_disturbance(given), manoeuvre, sensors) for sensors in subsets_of(scenario))
+
+
+def _disturbance(given: Literal["arbitrary"] | int) -> Disturbance:
+    return Polynomial(given) if isinstance(given, int) else given
 
 
 def cases_apart(study: AnalysisStudy) -> tuple[Analysis, ...]:
     """Return the verdicts, each with the name of its case for its manoeuvre."""
-    return tuple(replace(each, manoeuvre=case_name(study, each)) for each in study.analyses)
+    return tuple(replace(analysis, manoeuvre=case_name(study, analysis)) for analysis in study.analyses)
 
 
 def case_name(study: AnalysisStudy, analysis: Analysis) -> str:

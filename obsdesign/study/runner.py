@@ -46,6 +46,7 @@ def run(scenario: Scenario, seed: int | None = None, executor: Executor | None =
     limits, InputError for a scenario whose values do not fit together.
     """
     seed = scenario.seed if seed is None else seed
+    _ = start_of(scenario)  # refuses a scenario of which verdicts alone are asked
     if scenario.paths:
         return _run_along(scenario, seed, executor, progress)
     stage = _Stages(progress)

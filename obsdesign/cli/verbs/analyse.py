@@ -30,7 +30,7 @@ def analyse(options: Namespace) -> Outcome:
     document = analysis_document(study)
     write_analysis(folder, study, document)
     missed = unmet_lines(document.expected, FILES[1])
-    sees_nothing_whole = not document.expected and not any(each.verdict.observable for each in study.of_all_sensors)
+    sees_nothing_whole = not document.expected and not any(analysis.verdict.observable for analysis in study.of_all_sensors)
     shown = (analysis_summary(study), f"\nWritten to {folder}/: open {FILES[0]}")
     code = ExitCode.NO if missed or sees_nothing_whole else ExitCode.DONE
     return Outcome(document.model_dump(mode="json"), shown, missed, code)

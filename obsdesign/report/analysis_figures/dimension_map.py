@@ -15,7 +15,9 @@ _ROW, _MOST_ROWS = 0.27, 40  # inches; suites beyond that many are in the table 
 
 def picture(cases: Sequence[Analysis]) -> Picture | None:
     """Return a square for each suite and case, full where every state is seen; None for one verdict alone."""
-    suites, names = (list(dict.fromkeys(column)) for column in zip(*((each.sensors, each.manoeuvre) for each in cases), strict=True))
+    suites, names = (
+        list(dict.fromkeys(column)) for column in zip(*((analysis.sensors, analysis.manoeuvre) for analysis in cases), strict=True)
+    )
     if len(cases) == 1 or len(suites) > _MOST_ROWS:
         return None
     n = len(cases[0].verdict.null_space)
@@ -23,13 +25,15 @@ def picture(cases: Sequence[Analysis]) -> Picture | None:
     def paint(figure: Figure) -> None:
         """Draw on the figure."""
         axes = figure.add_subplot()
-        for each in cases:
-            column, row = names.index(each.manoeuvre), suites.index(each.sensors)
-            share = each.verdict.dimension / n
+        for analysis in cases:
+            column, row = names.index(analysis.manoeuvre), suites.index(analysis.sensors)
+            share = analysis.verdict.dimension / n
             axes.add_patch(Rectangle((column - 0.48, row - 0.46), 0.96, 0.92, facecolor=FAINT, alpha=0.4))
-            colour = GREEN if each.verdict.observable else ORANGE
+            colour = GREEN if analysis.verdict.observable else ORANGE
             axes.add_patch(Rectangle((column - 0.48, row - 0.46), 0.96 * share, 0.92, facecolor=colour, alpha=0.55))
-            axes.text(column, row, f"{'' if each.verdict.decided else '≥ '}{each.verdict.dimension}", ha="center", va="center", color=INK)
+            axes.text(
+                column, row, f"{'' if analysis.verdict.decided else '≥ '}{analysis.verdict.dimension}", ha="center", va="center", color=INK
+            )
         axes.set(xlim=(-0.6, len(names) - 0.4), ylim=(len(suites) - 0.4, -0.6))
         turned = sum(map(len, names)) > 40
         axes.set_xticks(range(len(names)), names, rotation=20 if turned else 0, ha="right" if turned else "center")

@@ -15,7 +15,7 @@ _MOST = 8  # lines that can be told apart
 def picture(study: AnalysisStudy) -> Picture | None:
     """Return a line for each case of all sensors together; None where no derivative adds anything."""
     cases = study.of_all_sensors[:_MOST]
-    longest = max(len(each.verdict.ranks) for each in cases)
+    longest = max(len(analysis.verdict.ranks) for analysis in cases)
     if longest == 1:
         return None
     n = len(study.scenario.state_names)
@@ -25,11 +25,11 @@ def picture(study: AnalysisStudy) -> Picture | None:
         axes = figure.add_subplot()
         light_grid(axes)
         axes.axhline(n, color=INK, linestyle="--", linewidth=1.0, label="all states")
-        for i, each in enumerate(cases):
-            ranks = np.array([*each.verdict.ranks, *[each.verdict.ranks[-1]] * (longest - len(each.verdict.ranks))])
+        for i, analysis in enumerate(cases):
+            ranks = np.array([*analysis.verdict.ranks, *[analysis.verdict.ranks[-1]] * (longest - len(analysis.verdict.ranks))])
             colour = (BLUE, *OTHER_PATHS)[i % (1 + len(OTHER_PATHS))]
             # a little apart, so that none hides another
-            axes.plot(np.arange(longest), ranks - 0.06 * i, "o-", markersize=4, color=colour, label=case_name(study, each))
+            axes.plot(np.arange(longest), ranks - 0.06 * i, "o-", markersize=4, color=colour, label=case_name(study, analysis))
         axes.set(xlabel="derivatives of the outputs", ylabel="dimensions seen", ylim=(0, n + 0.5))
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(MaxNLocator(integer=True))

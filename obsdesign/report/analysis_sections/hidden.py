@@ -14,14 +14,14 @@ from obsdesign.study.analysis_study import AnalysisStudy, cases_apart
 
 def section(study: AnalysisStudy) -> Section | None:
     """Return what the largest suites miss, case by case; None where they miss nothing."""
-    largest = {each.sensors for each in study.of_all_sensors}
-    missing = [each for each in cases_apart(study) if each.sensors in largest and not each.verdict.observable]
+    largest = {analysis.sensors for analysis in study.of_all_sensors}
+    missing = [analysis for analysis in cases_apart(study) if analysis.sensors in largest and not analysis.verdict.observable]
     if not missing:
         return None
     who = "all sensors together" if len(study.scenario.sensor_names) > 1 else "the sensor"
-    tables = [hidden_table(study.scenario.states, who, each) for each in missing]
+    tables = [hidden_table(study.scenario.states, who, analysis) for analysis in missing]
     several = len(missing) > 1
-    notes = [f"{each.manoeuvre}: {_sentence(each.verdict)}" if several else _sentence(each.verdict) for each in missing]
+    notes = [f"{analysis.manoeuvre}: {_sentence(analysis.verdict)}" if several else _sentence(analysis.verdict) for analysis in missing]
     return Section("hidden", "What stays hidden, and why?", "", (), tuple(tables), tuple(dict.fromkeys(notes)))
 
 
@@ -37,9 +37,12 @@ def growth_section(study: AnalysisStudy) -> Section:
 def _growth_table(study: AnalysisStudy) -> Table:
     """Ranks after 0, 1, 2, ... steps for every case."""
     cases = cases_apart(study)
-    steps = max(len(each.verdict.ranks) for each in cases)
+    steps = max(len(analysis.verdict.ranks) for analysis in cases)
     heads = (TableColumn("sensors"), TableColumn("case"), *(TableColumn(str(k)) for k in range(steps)), TableColumn("ended by"))
-    rows = ((" + ".join(each.sensors), each.manoeuvre, *_ranks(each.verdict, steps), _STOPS[each.verdict.stopped_by]) for each in cases)
+    rows = (
+        (" + ".join(analysis.sensors), analysis.manoeuvre, *_ranks(analysis.verdict, steps), _STOPS[analysis.verdict.stopped_by])
+        for analysis in cases
+    )
     good = "Columns count derivatives: how many combinations of states are known from outputs and their derivatives up to that order."
     return tabulate("Dimension, derivative by derivative", good, heads, rows)
 
@@ -68,6 +71,6 @@ def _point_text(study: AnalysisStudy) -> str:
 
 
 def _proofs(study: AnalysisStudy) -> Iterator[str]:
-    for each in cases_apart(study):
-        if each.sensors in {whole.sensors for whole in study.of_all_sensors}:
-            yield f"{' + '.join(each.sensors)}, {each.manoeuvre}: {typeset(each.verdict.proof)}."
+    for analysis in cases_apart(study):
+        if analysis.sensors in {whole.sensors for whole in study.of_all_sensors}:
+            yield f"{' + '.join(analysis.sensors)}, {analysis.manoeuvre}: {typeset(analysis.verdict.proof)}."

@@ -22,7 +22,7 @@ def answer(study: AnalysisStudy) -> str:
     """Say in which cases all sensors together see everything, and which smaller suites do so in every case."""
     n = len(study.scenario.state_names)
     whole = study.of_all_sensors
-    good = [case_name(study, each) for each in whole if each.verdict.observable]
+    good = [case_name(study, analysis) for analysis in whole if analysis.verdict.observable]
     who = "All sensors together" if len(study.scenario.sensor_names) > 1 else "The sensor"
     if len(whole) == 1:
         verdict = whole[0].verdict
@@ -34,11 +34,12 @@ def answer(study: AnalysisStudy) -> str:
 
 def _smaller(study: AnalysisStudy) -> str:
     """The smallest suites that see everything in every case in which all sensors do."""
-    possible = {case_name(study, each) for each in study.of_all_sensors if each.verdict.observable}
+    possible = {case_name(study, analysis) for analysis in study.of_all_sensors if analysis.verdict.observable}
     suites = [
         suite
-        for suite in dict.fromkeys(each.sensors for each in study.analyses)
-        if possible <= {case_name(study, each) for each in study.analyses if each.sensors == suite and each.verdict.observable}
+        for suite in dict.fromkeys(analysis.sensors for analysis in study.analyses)
+        if possible
+        <= {case_name(study, analysis) for analysis in study.analyses if analysis.sensors == suite and analysis.verdict.observable}
     ]
     if not possible or not suites:
         return ""

@@ -1,0 +1,117 @@
+"""Truths about `obsdesign analyse`: what papers print comes out of files, cases are those that were asked for, the page says so."""
+
+from __future__ import annotations
+
+import json
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import obsdesign as od
+from obsdesign.cli import main
+from obsdesign.report.analysis_document import analysis_document
+from obsdesign.report.analysis_page import analysis_page
+from obsdesign.scenario.loading import load_scenario_to_analyse
+from obsdesign.study.analysis_study import analyse_scenario, subsets_of
+
+FILES = sorted((ROOT / "scenarios" / "verdicts").glob("*.toml"))
+LANDMARKS = """
+title = "Three <landmarks>"
+question = "Where am I?"
+vehicle = {kind = "omnidirectional", disturbance = "unknown"}
+sensors = [
+  {kind = "bearing", name = "a", beacon = [2.0, 0.0], sigma = 0.02},
+  {kind = "bearing", name = "b", beacon = [-1.0, 3.0], sigma = 0.02},
+  {kind = "bearing", name = "c", beacon = [-1.0, -3.0], sigma = 0.02},
+]
+"""
+
+
+def study_of(folder: Path, text: str):
+    file = folder / "landmarks.toml"
+    file.write_text(text)
+    return analyse_scenario(load_scenario_to_analyse(file))
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_what_the_papers_print_comes_out_of_the_file(file: Path):
+    document = analysis_document(analyse_scenario(load_scenario_to_analyse(file)))
+    assert document.expected
+    assert [(each.key, each.found) for each in document.expected if not each.met] == []
+    assert all(part.decided for by in document.verdicts.values() for of in by.values() for part in of.values())
+
+
+def test_the_cases_are_every_suite_in_every_manoeuvre_for_every_class_of_disturbances(tmp_path: Path):
+    study = study_of(tmp_path, LANDMARKS + '[[manoeuvres]]\nname = "free"\n[analysis]\ndisturbances = ["arbitrary", 0]\n')
+    suites = [subset for size in (1, 2, 3) for subset in combinations("abc", size)]
+    assert [each.sensors for each in study.analyses] == 2 * suites
+    assert study.disturbances == ("arbitrary", "polynomial of degree 0")
+    for each in study.analyses:
+        system = od.System(od.Omnidirectional(disturbance="unknown"), tuple(s for s in study.scenario.sensors if s.name in each.sensors))
+        disturbance = "arbitrary" if each.verdict.disturbance == "arbitrary" else od.Polynomial(0)
+        assert each.verdict.dimension == od.observability(system, disturbance=disturbance).dimension
+
+
+def test_a_point_is_asked_about_where_one_is_given(tmp_path: Path):
+    """Seen from the middle, the distance to a beacon does not change with the heading; position alone is at a singular point nowhere."""
+    at = {"x": 0.5, "y": 0.25, "heading": 0.1}
+    text = LANDMARKS + f"[analysis]\npoint = {{ {', '.join(f'{name} = {value}' for name, value in at.items())} }}\n"
+    study = study_of(tmp_path, text)
+    np.testing.assert_array_equal(study.at, list(at.values()))
+    assert all(np.array_equal(each.verdict.at[:3], study.at) for each in study.analyses)
+    assert analysis_document(study).at == at
+
+
+def test_of_many_sensors_each_alone_all_but_one_and_all_are_looked_at(tmp_path: Path):
+    sensors = "".join(f'[[sensors]]\nkind = "range"\nname = "r{i}"\nbeacon = [{i}.5, 2.0]\nsigma = 1.0\n' for i in range(7))
+    (tmp_path / "many.toml").write_text('[vehicle]\nkind = "unicycle"\n' + sensors)
+    assert sorted(map(len, subsets_of(load_scenario_to_analyse(tmp_path / "many.toml")))) == [1] * 7 + [6] * 7 + [7]
+
+
+WRONG = {
+    "an unknown sensor": ('subsets = [["a", "d"]]', "analysis.subsets[0]: is 'd': must be one of a, b, c"),
+    "a subset twice": ('subsets = [["a", "b"], ["b", "a"]]', "analysis.subsets[1]: stands there twice"),
+    "a disturbance twice": ("disturbances = [0, 0]", "analysis.disturbances[1]: stands there twice"),
+    "a degree below 0": ("disturbances = [-1]", "analysis.disturbances[0]"),
+    "half a point": ("point = { x = 1.0 }", "analysis.point.y: missing key"),
+    "no start": ('point = "start"', "analysis.point: is start: there is no table [start]"),
+}
+
+
+@pytest.mark.parametrize(("line", "message"), WRONG.values(), ids=WRONG.keys())
+def test_what_cannot_be_meant_is_named(line: str, message: str, tmp_path: Path):
+    (tmp_path / "wrong.toml").write_text(f"{LANDMARKS}[analysis]\n{line}\n")
+    with pytest.raises(od.ScenarioError) as error:
+        load_scenario_to_analyse(tmp_path / "wrong.toml")
+    assert message in str(error.value)
+
+
+def test_a_study_of_a_file_without_start_is_refused_and_check_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "landmarks.toml").write_text(LANDMARKS + "[analysis]\n")
+    with pytest.raises(SystemExit) as checked:
+        main(("check", str(tmp_path / "landmarks.toml")))
+    with pytest.raises(SystemExit) as ran:
+        main(("run", str(tmp_path / "landmarks.toml"), "--out", str(tmp_path / "out")))
+    assert (checked.value.code, ran.value.code) == (0, 2)
+    assert "there is no [start]" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_verb_writes_a_page_without_network_and_says_no_where_nothing_is_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "one.toml").write_text(LANDMARKS.split('  {kind = "bearing", name = "b"', maxsplit=1)[0] + "]\n")
+    with pytest.raises(SystemExit) as end:
+        main(("analyse", str(tmp_path / "one.toml"), "--out", str(tmp_path / "out"), "--json"))
+    told = json.loads(capsys.readouterr().out)
+    assert end.value.code == 1  # of one beacon all turns with it
+    assert told == json.loads((tmp_path / "out" / "analysis.json").read_text())
+    page = (tmp_path / "out" / "analysis.html").read_text()
+    assert "Three &lt;landmarks&gt;" in page
+    assert not any(word in page for word in ("<landmarks>", "http://", "https://", "<script", "<link"))
+
+
+def test_the_same_study_gives_the_same_page(tmp_path: Path):
+    study = study_of(tmp_path, LANDMARKS)
+    assert analysis_page(study) == analysis_page(study)
