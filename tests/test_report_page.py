@@ -606,7 +606,7 @@ def test_the_document_has_the_flight_and_its_timings_apart(rover, aerosonde):
 def test_the_document_satisfies_its_schema(name, request):
     document = document_of(request.getfixturevalue(name)).model_dump(mode="json")
     jsonschema.Draft202012Validator(Result.model_json_schema()).validate(document)
-    assert document["schema_version"] == "1.7"
+    assert document["schema_version"] == "1.8"
     study = request.getfixturevalue(name)
     for candidate in study.candidates:
         assert document["paths"][candidate.name]["feasible"] == (document["paths"][candidate.name]["shortfalls"] == [])
