@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -51,7 +53,8 @@ class _Table:
             value = math.nan
         if not math.isfinite(value):
             where = f"{self.file}, line {self.lines[row]}, column {self.header[column]!r}"
-            raise InputError(f"{where}: {word!r} is no finite number: leave the cell empty where there is no value")
+            advice = "write it with a point" if "," in word else "leave the cell empty where there is no value"
+            raise InputError(f"{where}: {word!r} is no finite number: {advice}")
         return value
 
 
@@ -112,8 +115,7 @@ def _time_column(table: _Table) -> int:
 def _read(file: Path) -> _Table:
     try:
         with file.open(newline="", encoding="utf-8-sig") as text:
-            reader = csv.reader(text)
-            lines = [(reader.line_num, tuple(cell.strip() for cell in row)) for row in reader if any(cell.strip() for cell in row)]
+            lines = _rows(text)
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror or error}") from None
     except (UnicodeDecodeError, csv.Error) as error:
@@ -127,7 +129,21 @@ def _read(file: Path) -> _Table:
     return _Table(file, header, tuple(row for _, row in lines[1:]), tuple(line for line, _ in lines[1:]))
 
 
+def _rows(text: TextIO) -> list[tuple[int, tuple[str, ...]]]:
+    """Return line and cells of all rows but empty ones and remarks (#) above the header, which says by what cells are parted."""
+    remarks = 0
+    while (first := text.readline()).startswith("#") or (first and not first.strip()):
+        remarks += 1
+    parting = "," if "," in first else next((mark for mark in ";\t" if mark in first), ",")
+    reader = csv.reader(itertools.chain([first], text), delimiter=parting)
+    rows = ((remarks + reader.line_num, tuple(cell.strip() for cell in row)) for row in reader)
+    return [(line, cells) for line, cells in rows if any(cells)]
+
+
 def _wide(table: _Table, model: Model, times: Times, time_column: int) -> list[Series]:
+    if table.column("signal") >= 0:
+        columns = ", ".join(table.header)
+        raise InputError(f"{table.file}, line 1: has a column 'signal' and no column 'value' beside it (columns are {columns})")
     backwards = np.flatnonzero(np.diff(times.t) < 0)
     if len(backwards):
         row = int(backwards[0]) + 1

@@ -7,24 +7,37 @@ from pathlib import Path
 
 import numpy as np
 
+from obsdesign.calculus import wrap
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import readings
+from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.logs.log import Log
+from obsdesign.logs.true_motion import FEWEST, is_near, motion_ratios, require_seconds, require_true_degrees, require_true_metres
+from obsdesign.sensors.airspeed import Airspeed
+from obsdesign.sensors.range import Range
+from obsdesign.sensors.range_bearing import RangeBearing
+from obsdesign.sensors.speed_over_ground import SpeedOverGround
+from obsdesign.signals import Signal
 
 _FACTORS = {"thousandths or thousands": 1000.0, "degrees": 180 / np.pi}
-_NEAR = 1.6  # how far a ratio may be from a factor to be taken for it
 _MAX_ANGLE = 7.0  # no angle that wraps is larger [rad]
-_FEWEST = 8  # values that a comparison needs
+_FAR = 4.0  # how many times nearer values are in the unit that is meant
+_LENGTHS = (Range, RangeBearing, Airspeed, SpeedOverGround)  # sensors whose first output is not negative
+_BELOW = 4.0  # standard deviations below 0 that noise does not reach
 _NOISE = 5.0  # standard deviations within which readings are as they should be
-_ALIKE = 0.5  # cosine of the angle between two histories that have something to do with each other
 
 
 def require_plausible(file: Path, system: AbstractSystem, log: Log) -> None:
     """Raise InputError where numbers are off by a factor that a unit explains, with the column and the unit that would fit."""
-    for column, ratio in (*_outputs(system, log), *_inputs(system, log)):
+    _require_lengths(file, system, log)
+    require_true_degrees(file, system, log)
+    motion = dict(motion_ratios(system, log))
+    require_seconds(file, motion)
+    require_true_metres(file, log)
+    for column, ratio in (*_outputs(system, log), *motion.items()):
         for words, factor in _FACTORS.items():
-            if _is_near(ratio, factor) or _is_near(ratio, 1 / factor):
+            if is_near(ratio, factor) or is_near(ratio, 1 / factor):
                 raise InputError(
                     f"{file}, column {column!r}: its numbers are {ratio:.3g} times what the truth and the system say: are they in"
                     f" {words}? Say so in the header, such as [deg] or [mm]"
@@ -32,15 +45,11 @@ def require_plausible(file: Path, system: AbstractSystem, log: Log) -> None:
     for channel in system.model.channels:
         for place, signal in enumerate(channel.outputs):
             values = log.samples.y[log.samples.sensor == log.samples.names.index(channel.name), place]
-            if signal.is_angle and len(values) >= _FEWEST and np.median(np.abs(values)) > _MAX_ANGLE:
+            if signal.is_angle and len(values) >= FEWEST and np.median(np.abs(values)) > _MAX_ANGLE:
                 raise InputError(
                     f"{file}, column {signal.name!r}: half of its angles are beyond {np.median(np.abs(values)):.3g} rad: are they degrees?"
                     " Say so in the header, [deg]"
                 )
-
-
-def _is_near(ratio: float, factor: float) -> bool:
-    return factor / _NEAR < ratio < factor * _NEAR
 
 
 def _outputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
@@ -59,11 +68,40 @@ def _outputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
         outputs = model.outputs_of.get(name, ())
         for column, output in enumerate(outputs):
             chosen = (log.samples.sensor == place) & np.isfinite(expected[:, output])
-            if chosen.sum() < _FEWEST or model.outputs[output].is_angle:
-                continue
-            off = np.abs(log.samples.y[chosen, column] - expected[chosen, output])
-            if np.median(off / spread[chosen, output]) > _NOISE:
-                yield model.outputs[output].name, _ratio(log.samples.y[chosen, column], expected[chosen, output])
+            if chosen.sum() >= FEWEST:
+                ratio = _ratio(model.outputs[output], log.samples.y[chosen, column], expected[chosen, output], spread[chosen, output])
+                yield model.outputs[output].name, ratio
+
+
+def _ratio(output: Signal, values: np.ndarray, expected: np.ndarray, spread: np.ndarray) -> float:
+    """Return how many times larger values (K,) of an output are than expected, 1 where they are as they should be, nan where none tells.
+
+    Of angles, which wrap: by how much what fits far better as degrees is larger.
+    """
+    off = values - expected
+    if output.is_angle:
+        as_read, as_degrees = (float(np.median(np.abs(wrap(each)) / spread)) for each in (off, np.radians(values) - expected))
+        return _FACTORS["degrees"] if as_read > max(_NOISE, _FAR * as_degrees) else 1.0
+    if np.median(np.abs(off) / spread) <= _NOISE:
+        return 1.0
+    true = float(np.median(np.abs(expected)))
+    return float(np.median(np.abs(values))) / true if true > 0 else float("nan")
+
+
+def _require_lengths(file: Path, system: AbstractSystem, log: Log) -> None:
+    """Raise InputError for a distance or a speed far below 0, by a sensor that has no bias to be told."""
+    sensors = zip(system.sensor_names, system.sensors, strict=True) if isinstance(system, System) else ()
+    for name, sensor in sensors:
+        if not isinstance(sensor, _LENGTHS) or sensor.bias is not None or name not in log.samples.names:
+            continue
+        chosen = log.samples.sensor == log.samples.names.index(name)
+        values = log.samples.y[chosen, 0]
+        if len(values) and values.min() < -_BELOW * sensor.inflation * sensor.sigma:
+            row = int(np.argmin(values))
+            raise InputError(
+                f"{file}, column {name!r}: {values[row]:g} at t = {log.samples.t[chosen][row]:.9g} s: what it measures is not below 0;"
+                " where it had no answer leave the cell empty, or the row out"
+            )
 
 
 def _inputs_at(system: AbstractSystem, log: Log) -> np.ndarray:
@@ -75,32 +113,3 @@ def _inputs_at(system: AbstractSystem, log: Log) -> np.ndarray:
         if column in model.input_names:
             u[:, model.input_names.index(column)] = values
     return u
-
-
-def _inputs(system: AbstractSystem, log: Log) -> Iterator[tuple[str, float]]:
-    """Yield speed and turn rate with their integrals over what the truth says of way and heading."""
-    if log.truth is None or log.inputs is None or len(log.truth.t) < _FEWEST:
-        return
-    truth, names = log.truth, log.truth.names
-    times = np.linspace(truth.t[0], truth.t[-1], min(200, len(truth.t)))
-    values = truth.at(times, ("heading",))
-    for name, needed in (("speed", ("x", "y")), ("turn_rate", ("heading",))):
-        if name in log.inputs.names and set(needed) <= set(names):
-            changes = np.diff(values[:, [names.index(state) for state in needed]], axis=0)
-            moved, size = log.inputs.integrals(times)[:, log.inputs.names.index(name)], changes[:, 0]
-            if len(needed) > 1:  # of a way the length alone, of a turn the side as well
-                moved, size = np.abs(moved), np.linalg.norm(changes, axis=1)
-            is_known = np.isfinite(size)
-            if is_known.sum() >= _FEWEST and _are_alike(moved[is_known], size[is_known]):
-                yield name, _ratio(moved[is_known], size[is_known], of_sums=True)
-
-
-def _are_alike(first: np.ndarray, second: np.ndarray) -> bool:
-    """Whether two histories go up and down together, or against each other: noise does not."""
-    return abs(float(first @ second)) > _ALIKE * float(np.linalg.norm(first) * np.linalg.norm(second))
-
-
-def _ratio(values: np.ndarray, expected: np.ndarray, of_sums: bool = False) -> float:
-    """Return how many times larger values are; nan where nothing is expected."""
-    first, second = (float(np.sum(np.abs(v)) if of_sums else np.median(np.abs(v))) for v in (values, expected))
-    return first / second if second > 0 else float("nan")

@@ -14,9 +14,12 @@ from obsdesign.errors import InputError
 from obsdesign.logs.inputs import LogInputs
 from obsdesign.logs.log import Log
 from obsdesign.logs.samples import LogSamples
+from obsdesign.logs.time_gaps import gap_notes
 from obsdesign.logs.times import since_start
 from obsdesign.logs.truth import LogTruth
 
+_STUCK = 8  # samples that do not happen to be the same
+_LARGEST = 1e12  # of values in SI units; standard deviations are no smaller than its inverse
 TRUTH = "truth."  # what the names of true states begin with
 
 
@@ -76,12 +79,16 @@ def log_of(model: Model, contents: FileContents) -> Log:
     file, notes = contents.file, list(contents.notes)
     _require_names(model, contents)
     series = [_without_repeats(file, _finite(file, part), notes) for part in contents.series]
+    notes.extend(gap_notes(file, [part for part in series if not part.name.startswith(TRUTH)]))
     samples = _samples(model, file, series, notes)
     inputs = _inputs(model, file, [part for name in model.input_names for part in series if part.name == name])
     truth = _truth(model, file, [part for name in model.state_names for part in series if part.name == TRUTH + name])
     for name, count in samples.counts.items():
         if not count:
             notes.append(f"{name} never answers: the file has no sample of it")
+        values = samples.y[samples.sensor == samples.names.index(name)]
+        if count >= _STUCK and (values[:, 0] == values[0, 0]).all():
+            notes.append(f"{name}: all {count} samples are {values[0, 0]:g}: is it stuck?")
     if truth is not None and truth.t[0] > samples.t[0]:
         notes.append(f"the truth starts {truth.t[0] - samples.t[0]:.4g} s after the samples")
     return Log(inputs, samples, truth, contents.epoch, tuple(notes))
@@ -102,7 +109,19 @@ def _finite(file: Path, series: Series) -> Series:
             f"{file}, {series.place(row)}: {series.values[row].tolist()} at t = {series.t[row]:.9g} s is not finite: without a value"
             " there is no row, or an empty cell"
         )
+    _require_sizes(file, series, np.abs(series.values).max(axis=1, initial=0.0), (0.0, _LARGEST))
+    if series.sigma is not None:
+        _require_sizes(file, series, np.where(np.isnan(series.sigma), 1.0, series.sigma), (1 / _LARGEST, _LARGEST))
     return series
+
+
+def _require_sizes(file: Path, series: Series, sizes: np.ndarray, accepted: tuple[float, float]) -> None:
+    """Raise InputError for a value, or a standard deviation, whose size (K,) is none that anything has in SI units."""
+    wrong = (sizes < accepted[0]) | (sizes > accepted[1])
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        limits = f"{accepted[0]:g} and {accepted[1]:g}"
+        raise InputError(f"{file}, {series.place(row)}: a size of {sizes[row]:g} at t = {series.t[row]:.9g} s: must be between {limits}")
 
 
 def _without_repeats(file: Path, series: Series, notes: list[str]) -> Series:

@@ -56,17 +56,23 @@ class LogSetup:
 
         Raises InputError where the position is told by neither.
         """
-        names = self.system.model.state_names
-        mean = dict.fromkeys(names, 0.0) | _first_truth(self.log) | self.start
-        missing = [name for name in self.settings.about if name not in self.start and name not in _first_truth(self.log)]
+        names, told = self.system.model.state_names, self._told
+        mean = dict.fromkeys(names, 0.0) | told
+        missing = [name for name in self.settings.about if name not in told]
         if missing:
-            raise InputError(f"start: missing key {missing[0]!r}: the log holds no truth of it; say in [start] where the log begins")
+            raise InputError(f"start: missing key {missing[0]!r}: the log holds no truth of it there; say in [start] where the log begins")
         return Prior([mean[name] for name in names], std=[self.std[name] for name in names])
+
+    @property
+    def _told(self) -> dict[str, float]:
+        """States at the log's beginning: what is given, else the truth there."""
+        angles = tuple(signal.name for signal in self.system.model.states if signal.is_angle)
+        return _first_truth(self.log, angles) | self.start
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on states whose beginning nobody tells."""
-        untold = [name for name in self.system.model.state_names if name not in self.start and name not in _first_truth(self.log)]
+        untold = [name for name in self.system.model.state_names if name not in self._told]
         return tuple(f"{name} begins at 0, as uncertain as the prior says: neither [start] nor the truth tells it" for name in untold)
 
 
@@ -85,16 +91,19 @@ def from_first_truth(log: Log, about: tuple[str, ...]) -> Log:
     return replace(part, notes=(*part.notes, note))
 
 
-def _first_truth(log: Log) -> dict[str, float]:
-    """The first true value of each state."""
+def _first_truth(log: Log, angles: tuple[str, ...]) -> dict[str, float]:
+    """The true value of each state where the log begins, or a moment later; none of those that are told only later, or only earlier."""
     if log.truth is None:
         return {}
-    firsts = {}
+    first, told = log.span[0], {}
+    at_first = log.truth.at(np.array([first]), angles)[0]
     for column, name in enumerate(log.truth.names):
-        known = log.truth.x[np.isfinite(log.truth.x[:, column]), column]
-        if len(known):
-            firsts[name] = float(known[0])
-    return firsts
+        is_known = np.isfinite(log.truth.x[:, column]) & (log.truth.t >= first) & (log.truth.t <= first + _LATE)
+        if np.isfinite(at_first[column]):
+            told[name] = float(at_first[column])
+        elif is_known.any():
+            told[name] = float(log.truth.x[is_known, column][0])
+    return told
 
 
 def scenario_setup(file: Path, scenario: Scenario, topics: Path | None) -> LogSetup:

@@ -15,6 +15,7 @@ from obsdesign.log_replay.event_replay import replay, rmse_with
 from obsdesign.log_replay.log_schedule import scheduled_log
 from obsdesign.log_replay.replay_result import Replay
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
+from obsdesign.study.log_doubts import calibration_doubts
 from obsdesign.study.log_setup import LogSetup
 
 _RANDOM_SCHEDULES, _FEW = 12, 4  # of a long log few: a filter runs with each
@@ -65,7 +66,7 @@ def study_log(setup: LogSetup, seed: int) -> LogStudy:
         drive,
         schedule,
         errors,
-        (*drive.notes, *setup.notes, *notes, *(() if calibration is None else calibration.notes)),
+        (*drive.notes, *setup.notes, *notes, *_of_calibration(setup, calibration)),
     )
 
 
@@ -78,7 +79,7 @@ def schedule_study(setup: LogSetup, seed: int) -> LogStudy:
     if schedule is None:
         raise InputError(f"{setup.file}: nothing to choose: a log of a segment or more is needed, and more sensors than may be on")
     errors = _schedule_errors(drive, schedule, setup.per_segment, seed)
-    return LogStudy(setup, calibration, drive, schedule, errors, (*drive.notes, *setup.notes))
+    return LogStudy(setup, calibration, drive, schedule, errors, (*drive.notes, *setup.notes, *_of_calibration(setup, calibration)))
 
 
 def _restarts(setup: LogSetup) -> tuple[int, tuple[str, ...]]:
@@ -101,6 +102,11 @@ def log_schedule(setup: LogSetup, drive: Replay, seed: int) -> FilterSchedule | 
 def _calibration(setup: LogSetup) -> Calibration | None:
     share = setup.settings.calibrate
     return calibrate(setup.system, setup.log.first(share), setup.prior) if share else None
+
+
+def _of_calibration(setup: LogSetup, calibration: Calibration | None) -> tuple[str, ...]:
+    """Return what is to be said of a calibration."""
+    return () if calibration is None else (*calibration_doubts(setup.system, setup.prior, calibration), *calibration.notes)
 
 
 def _replay(setup: LogSetup, calibration: Calibration | None, seed: int, restarts: int) -> Replay:
