@@ -19,9 +19,13 @@ class _Placed(Protocol):
     """Values of a file at times t (K,) [s], each with its place in words."""
 
     @property
-    def t(self) -> np.ndarray: ...
+    def t(self) -> np.ndarray:
+        """Times (K,) [s]."""
+        ...
 
-    def place(self, row: int) -> str: ...
+    def place(self, row: int) -> str:
+        """Return where a value stands."""
+        ...
 
 
 def gap_notes(file: Path, series: Sequence[_Placed]) -> tuple[str, ...]:
