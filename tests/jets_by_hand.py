@@ -79,8 +79,8 @@ class ByHand:
     motion: Sequence[Polynomial]
     outputs: Sequence[Polynomial]
 
-    def dimension(self, orders: int, count: int, *, is_map: bool = False, seed: int = 0) -> int:
-        """rank J - rank J_w over `count` known inputs under one w, from one random state; columns w_0, ..., w_orders, x."""
+    def dimension(self, orders: int, count: int, *, is_map: bool = False, seed: int = 0, known: Sequence[int] = ()) -> int:
+        """rank J - rank J_w over `count` known inputs under one w, from one random state; columns w_0, ..., w_orders, x; known: states with unit rows."""
         draw, columns = random.Random(seed), self.p * (orders + 1)
         width = columns + self.n
         x = [(draw.randrange(P), unit(width, columns + i)) for i in range(self.n)]
@@ -89,6 +89,7 @@ class ByHand:
         for _ in range(count):
             u = [[(draw.randrange(P), (0,) * width) for _ in range(orders + 1)] for _ in range(self.m)]
             rows += (self._samples if is_map else self._derivatives)(x, [*u, *w], orders)
+        rows += [unit(width, columns + i) for i in known]
         return rank_by_hand(rows) - rank_by_hand([row[:columns] for row in rows])
 
     def _derivatives(self, x: list, inputs: list, orders: int) -> list[tuple[int, ...]]:

@@ -64,7 +64,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "information_gradient": {**FROM_START, "criterion": od.LogDet()},
     "information_value": {**FROM_START, "criterion": od.LogDet()},
     "standard_deviations": {"J": np.eye(3)},
-    "observability": {"system": od.ControlAffineSystem(**LINEAR)},
+    "observability": {"system": od.ControlAffineSystem(**LINEAR), "known_at_start": ("b",)},
     "check_path_bound": {"problem": DESIGN_PROBLEM, "certificate": CERTIFICATE},
     "check_joint_bound": {"problem": DESIGN_PROBLEM, "segments": 4, "per_segment": 1, "certificate": JOINT_CERTIFICATE},
     "circle_residuals": {"system": THREE, "path": od.simulate(THREE, [0.0, 0.0, 0.1], np.tile([0.3, 0.1], (8, 1)), 0.5)},

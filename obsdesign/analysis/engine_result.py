@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from obsdesign.analysis.evaluation_point import EvaluationPoint
@@ -43,6 +43,23 @@ class EngineResult:
         pivots = f"pivots down to {smallest}{caution}"
         minor = f": a minor of the gradients excludes 0 in {self.rank.bits}-bit ball arithmetic ({pivots})" if self.dimension else ""
         return f"at least {self.dimension} of {n}{minor}; {self.reason}"
+
+
+def with_start(result: EngineResult, names: Sequence[str]) -> EngineResult:
+    """Return the finding for somebody who knows those states at the start: their unit covectors join what the outputs tell, once."""
+    if not names or result.dimension == len(result.rank.is_determined):
+        return result
+    joint, what = result.rank.with_start, f"with {', '.join(names)} known at the start"
+    if joint is None:
+        reason = f"not decided: {what} it was not counted; without, {result.reason}"
+        return replace(result, stopped_by="stalled", reason=reason)
+    ranks = (*result.ranks, joint.rank) if joint.rank > result.ranks[-1] else result.ranks
+    reason = f"{result.reason}; {what} {joint.rank - result.dimension} more"
+    if joint.rank == len(joint.is_determined):
+        return replace(result, rank=joint, ranks=ranks, stopped_by="full", reason=f"no more is possible, {what}")
+    if result.is_decided and not joint.is_decided:
+        return replace(result, rank=joint, ranks=ranks, stopped_by="precision", reason=f"{precision_text(joint)}, {what}")
+    return replace(result, rank=joint, ranks=ranks, reason=reason)
 
 
 def growth_result(growth: RankGrowth, cap: int | None = None) -> EngineResult:

@@ -48,7 +48,8 @@ class Equations:
     constants (c, 1): symbols for the numbers in all of these, with their values; n_added: how many states come first that
     were added, and are not asked for; origin (n,): x is the state that was asked about less origin pi; readings: doubles of the
     model, each with what it stands for; piece: which one these are, where functions have pieces. step_map: of a map from one instant to
-    the next, which drift and outputs are for some values of the inputs; the fields then only count these.
+    the next, which drift and outputs are for some values of the inputs; the fields then only count these. known_at_start: states that
+    are asked for, by place among these, and known at the instant that is asked about.
     """
 
     x: ca.SX
@@ -65,6 +66,7 @@ class Equations:
     readings: tuple[tuple[float, ExactNumber], ...] = ()
     piece: Piece | None = None
     step_map: MapFlow | None = None
+    known_at_start: tuple[int, ...] = ()
 
     @property
     def n(self) -> int:

@@ -142,7 +142,10 @@ class Experiments:
         n_eliminated: columns that come first and are not asked about (None: those of inputs and added states).
         """
         rows = [row for row, k in zip(self._modular_rows, self.row_orders, strict=True) if k <= order]
-        return rank_bound(rows, self.n_columns, self.n_eliminated if n_eliminated is None else n_eliminated)
+        n_eliminated = self.n_eliminated if n_eliminated is None else n_eliminated
+        bound = rank_bound(rows, self.n_columns, n_eliminated)
+        known = self._start_rows()
+        return replace(bound, with_start=rank_bound([*rows, *known], self.n_columns, n_eliminated)) if known else bound
 
     # ------------------------------------------------ in balls
 
@@ -159,21 +162,29 @@ class Experiments:
             all_rows = self.rows()
             return [all_rows[i] for i in row_indices]
 
+        def rows_with_start() -> list[list[arb]]:
+            """Return these, and those of what is known at the start."""
+            return [*rows_up_to_order(), *self._start_rows()]
+
         stages = [self.row_orders[i] for i in row_indices]
+        n, precisions = self.n_columns - n_eliminated, self.point.precisions
         try:
-            return rank_of(
-                rows_up_to_order,
-                self.n_columns - n_eliminated,
-                n_eliminated,
-                stages,
-                precisions=self.point.precisions,
-                confirm=False,
-                upper_bound=upper_bound,
-            )
+            rank = rank_of(rows_up_to_order, n, n_eliminated, stages, precisions=precisions, confirm=False, upper_bound=upper_bound)
+            if not upper_bound or not upper_bound.with_start:
+                return rank
+            stages += [order + 1] * len(self.equations.known_at_start)
+            bound = upper_bound.with_start
+            joint = rank_of(rows_with_start, n, n_eliminated, stages, precisions=precisions, confirm=False, upper_bound=bound)
+            return replace(rank, with_start=joint)
         except NoValueError as error:
             _, order, output = self.row_labels[row_indices[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
             raise NoValueError(error.row, f"{what} at {self.equations.describe(self.point)}") from None
+
+    def _start_rows(self) -> list[list[Any]]:
+        """Return the unit rows of the states that are known at the start."""
+        number, first = self.point.arithmetic.number, self.n_columns - self.equations.n_queried
+        return [[number(int(j == first + i)) for j in range(self.n_columns)] for i in self.equations.known_at_start]
 
     def numerical_rank(self, order: int) -> Rank:
         """Return the rank as far as it can be told from numbers: what is thin around 0 at many bits counts as 0."""
@@ -184,8 +195,16 @@ class Experiments:
             every = self.rows()
             return [every[i] for i in rows]
 
-        stages = [self.row_orders[i] for i in rows]
-        return rank_of(rows_up_to_order, self.n_columns - self.n_eliminated, self.n_eliminated, stages, precisions=self.point.precisions)
+        def rows_with_start() -> list[list[arb]]:
+            """Return these, and those of what is known at the start."""
+            return [*rows_up_to_order(), *self._start_rows()]
+
+        stages, n, known = [self.row_orders[i] for i in rows], self.n_columns - self.n_eliminated, self.equations.known_at_start
+        rank = rank_of(rows_up_to_order, n, self.n_eliminated, stages, precisions=self.point.precisions)
+        if not known:
+            return rank
+        stages += [order + 1] * len(known)
+        return replace(rank, with_start=rank_of(rows_with_start, n, self.n_eliminated, stages, precisions=self.point.precisions))
 
     def reaches(self, order: int, upper_bound: RankBound) -> bool:
         """Return whether the rows up to the order have the ranks that they have at most; upper_bound: bound(order, columns) elsewhere."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Literal
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.at_point import analyse_at, analyse_jets_at
-from obsdesign.analysis.engine_result import EngineResult
+from obsdesign.analysis.engine_result import EngineResult, with_start
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, origin_of, point_from, random_fractions
 from obsdesign.analysis.experiments import Experiments
@@ -27,7 +27,7 @@ from obsdesign.analysis.polynomial_inputs import Polynomial, augment
 from obsdesign.analysis.rank_growth import modular_growth, require_value, restrict_to_piece
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import as_array, require_count
+from obsdesign.checks import as_array, require_count, require_known
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.errors import InputError
 from obsdesign.rank.exact_numbers import ExactNumber
@@ -46,6 +46,7 @@ def observability(  # the public contract
     known_inputs: KnownInputs = "any",
     seed: int = 0,
     *,
+    known_at_start: Sequence[str] = (),
     method: Literal["recursion", "jets"] = "recursion",
     orders: int | None = None,
 ) -> Verdict:
@@ -63,12 +64,16 @@ def observability(  # the public contract
         known_inputs: "any", switching ones included, under each of which the unknown inputs are the same; "smooth": one smooth
             signal, to which the unknown inputs may react.
         seed: seed of the generic points.
+        known_at_start: names of states that are known at the instant that is asked about, and not read later: their unit covectors join
+            what the outputs tell, once; none of their rates is known by that.
         method: "recursion", or "jets" = unknown inputs as free jets: a lower bound, computed another way.
         orders: up to which order the jets go; None = until nothing was added for n orders.
     Raises InputError for values that are not accepted, a system without sensors, a point outside a function's domain.
     Source: Hermann and Krener 1977; Martinelli, IROS 2017; Belo, Salaris and Bicchi 2010.
     """
-    return observability_of(system.model, at, held, disturbance, known_inputs, seed, method=method, orders=orders)
+    return observability_of(
+        system.model, at, held, disturbance, known_inputs, seed, known_at_start=known_at_start, method=method, orders=orders
+    )
 
 
 def observability_of(
@@ -79,6 +84,7 @@ def observability_of(
     known_inputs: KnownInputs = "any",
     seed: int = 0,
     *,
+    known_at_start: Sequence[str] = (),
     method: Literal["recursion", "jets"] = "recursion",
     orders: int | None = None,
 ) -> Verdict:
@@ -90,8 +96,18 @@ def observability_of(
     with exclusive_flint():
         augmented_model = augment(model, disturbance.degree) if isinstance(disturbance, Polynomial) and model.unknown_inputs else model
         point = None if at is None else _query_point(model, augmented_model, at, seed)
+        require_known("known_at_start", known_at_start, [name for name in augmented_model.state_names if name not in signals])
         query = _ObservabilityQuery(
-            model, augmented_model, _validate_held(held or {}), disturbance, known_inputs, seed, method, orders, signals
+            model,
+            augmented_model,
+            _validate_held(held or {}),
+            disturbance,
+            known_inputs,
+            seed,
+            method,
+            orders,
+            signals,
+            tuple(dict.fromkeys(known_at_start)),
         )
         given = [] if at is None else [float(value) for value in np.asarray(at, dtype=float)]
         return verdict_over_readings(query, point, given, seed)
@@ -101,7 +117,7 @@ def observability_of(
 class _ObservabilityQuery(AbstractQuery):
     """What was asked but for the point; augmented_model: the model with the unknown inputs of a polynomial disturbance as states.
 
-    signals: names of the states that stand for known inputs, which the verdict is not about.
+    signals: names of the states that stand for known inputs, which the verdict is not about; known_at_start: names of states.
     """
 
     model: Model
@@ -113,6 +129,7 @@ class _ObservabilityQuery(AbstractQuery):
     method: Literal["recursion", "jets"]
     orders: int | None
     signals: tuple[str, ...] = ()
+    known_at_start: tuple[str, ...] = ()
 
     @property
     def is_smooth(self) -> bool:
@@ -122,12 +139,16 @@ class _ObservabilityQuery(AbstractQuery):
     def analyse(self, point: EvaluationPoint | None, reading: Callable[[float], ExactNumber]) -> QueryResult:
         """Return the verdict at the place, or at generic points; reading: what a constant of the model stands for."""
         equations = equations_of(self.augmented_model, self.held, origin_of(point) if point else None, reading)
+        places = tuple(self.augmented_model.state_names.index(name) for name in self.known_at_start)
+        equations = replace(equations, known_at_start=places)
         relative_point = equations.place_of(point, self.seed) if point else None
         return QueryResult(equations, relative_point, *self._results(equations, relative_point))
 
     def verdict(self, query_result: QueryResult) -> Verdict:
         """Return the verdict, with the one nearby where it is another."""
-        equations, point, result, nearby = query_result.equations, query_result.point, query_result.result, query_result.nearby
+        equations, point = query_result.equations, query_result.point
+        result, nearby = with_start(query_result.result, self.known_at_start), query_result.nearby
+        nearby = nearby and with_start(nearby, self.known_at_start)
         state = equations.original_state(point).state[equations.n_added :] if point else ()
         readings = (*equations.readings, *zip(self.augmented_model.state_names, state, strict=bool(state)))
         is_singular = nearby is not None and not (result.is_decided and result.dimension == nearby.dimension)

@@ -23,12 +23,13 @@ class RankBound:
 
     rank: of what goes beyond the eliminated columns, if these have rank `n_eliminated`, which is the most that they can have;
     is_determined: for each of the n columns whether its unit covector is a combination of rows, if both ranks are reached; None where
-    that is not asked.
+    that is not asked. with_start: the same with rows for states that are known at the start, where there are such.
     """
 
     rank: int
     n_eliminated: int
     is_determined: tuple[bool, ...] | None
+    with_start: RankBound | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,8 @@ class Rank:
     row space; is_exact: whether that is so because entries are exactly 0; null_space (n, n - rank): orthonormal basis of what the
     pivots' rows annihilate, a row of it 0 where seen; null_basis (n, n - rank): of the same, each with a state of its own that the others
     leave as it is, entries to double precision relative to themselves;
-    smallest_pivot, largest_remainder: what was told from 0 and what was not, relative to rows and columns scaled to 1.
+    smallest_pivot, largest_remainder: what was told from 0 and what was not, relative to rows and columns scaled to 1; with_start: the
+    same with rows for states that are known at the start, where there are such and it was counted.
     """
 
     rank: int
@@ -53,6 +55,7 @@ class Rank:
     is_exact: bool
     null_space: np.ndarray
     null_basis: np.ndarray
+    with_start: Rank | None = None
 
 
 def rank_at(
