@@ -80,7 +80,7 @@ class ByHand:
     outputs: Sequence[Polynomial]
 
     def dimension(self, orders: int, count: int, *, is_map: bool = False, seed: int = 0, known: Sequence[int] = ()) -> int:
-        """rank J - rank J_w for `count` known inputs under one w, from one random state; columns w_0, ..., w_orders, x; known: unit rows."""
+        """rank J - rank J_w for `count` known inputs under one w, from a random state; columns w_0, ..., w_orders, x; known: unit rows."""
         draw, columns = random.Random(seed), self.p * (orders + 1)
         width = columns + self.n
         x = [(draw.randrange(P), unit(width, columns + i)) for i in range(self.n)]
