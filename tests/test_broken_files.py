@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import signal
 import sqlite3
 import subprocess
@@ -71,10 +72,29 @@ def test_any_path_comes_back(points, word, tmp_path_factory):
 
 @pytest.mark.parametrize("word", ["kml", "gpx"])
 def test_document_types_and_entities_are_refused(word, tmp_path):
-    for declared in ('<!DOCTYPE a [<!ENTITY b "c">]>', '<!DOCTYPE a SYSTEM "file:///nowhere">'):
-        (tmp_path / "odd").write_text(f"<?xml version='1.0'?>{declared}<a>x</a>")
-        with pytest.raises(od.InputError, match="declares a document type or entities: must be plain XML"):
-            read_track(tmp_path / "odd", word)
+    entities = "".join(f'<!ENTITY l{i + 1} "{f"&l{i};" * 10}">' for i in range(40))
+    for declared in (
+        '<!DOCTYPE a [<!ENTITY b "c">]>',
+        '<!DOCTYPE a SYSTEM "file:///nowhere">',
+        f"<!DOCTYPE a [<!ENTITY l0 'x'>{entities}]>",
+    ):
+        for before, encoding in (("", "utf-8"), (f"<!-- {'long ' * 10_000}-->", "utf-8"), ("", "utf-16")):
+            (tmp_path / "odd").write_text(f"<?xml version='1.0' encoding='{encoding}'?>{before}{declared}<a>&l40;</a>", encoding)
+            with pytest.raises(od.InputError, match="declares a document type or entities: must be plain XML"):
+                read_track(tmp_path / "odd", word)
+    (tmp_path / "odd").write_text("<a/><!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>")  # it may stand before the first element only
+    with pytest.raises(od.InputError, match="is no XML"):
+        read_track(tmp_path / "odd", word)
+
+
+@pytest.mark.parametrize("word", ["kml", "tum"])
+def test_rows_of_different_length_are_told(word, tmp_path):
+    file = write_track(sample_track(), word, tmp_path / f"x{format_of(word).suffix}")[0]
+    text = file.read_text()
+    second = re.findall(r"<gx:coord>.*</gx:coord>" if word == "kml" else r"(?m)^\d.*$", text)[1]
+    file.write_text(text.replace(second, re.sub(r" \S+?(?=$|<)", "", second)))
+    with pytest.raises(od.InputError, match=r"(row|gx:coord) 2 has \d numbers, (row|gx:coord) 1 has \d"):
+        read_track(file)
 
 
 def test_archives_of_pickles_or_of_more_than_they_hold_are_refused(tmp_path):

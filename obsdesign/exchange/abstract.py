@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 _BROKEN = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError, EOFError)
+_PART = 2**12  # bytes of an XML file
 MAX_BYTES = 256 * 2**20  # of a file that is read, and of what is packed in one
 
 
@@ -59,11 +63,24 @@ class AbstractFormat(ABC):
     def read(self, file: Path) -> Track:
         """Read a track; raises InputError, naming the file, for what is none. Runs nothing that a file holds, and writes nothing."""
         try:
-            return self.parse(file)
+            with collection_deferred():
+                return self.parse(file)
         except _BROKEN as error:
             if isinstance(error, InputError):
                 raise InputError(str(error) if str(error).startswith(str(file)) else f"{file}: {error}") from None
             raise InputError(f"{file}: holds no path: {type(error).__name__}: {error}"[:500]) from None
+
+
+@contextmanager
+def collection_deferred() -> Iterator[None]:
+    """Look for cycles of references later: what is made of a file, or for one, has none, and would be looked at again and again."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
 
 
 def read_bytes(file: Path) -> bytes:
@@ -108,16 +125,51 @@ def numbers(what: str, values: Any) -> np.ndarray:  # noqa: ANN401  # whatever a
     return array
 
 
+def number_rows(what: str, texts: Sequence[str]) -> np.ndarray:
+    """Return the numbers (N, q) of texts of q numbers each, white space between them; raise InputError for texts of different length."""
+    import numpy as np
+
+    counts = [len(text.split()) for text in texts]
+    if len(set(counts)) > 1:
+        odd = next(i for i, count in enumerate(counts) if count != counts[0])
+        raise InputError(f"{what} {odd + 1} has {counts[odd]} numbers, {what} 1 has {counts[0]}")
+    return np.array(list(map(float, " ".join(texts).split()))).reshape(len(texts), -1 if texts and counts[0] else 0)
+
+
 def read_xml(file: Path) -> Element:
     """Return the root of an XML file without document type and entities; raise InputError for any other."""
-    from xml.etree.ElementTree import ParseError
+    from xml.etree.ElementTree import ParseError, fromstring
 
     from defusedxml import DefusedXmlException
-    from defusedxml.ElementTree import fromstring
 
+    data = read_bytes(file)
     try:
-        return fromstring(read_bytes(file), forbid_dtd=True)
+        _require_plain(data)
+        return fromstring(data)
     except DefusedXmlException:
         raise InputError(f"{file}: declares a document type or entities: must be plain XML") from None
     except (ParseError, ValueError, LookupError) as error:
         raise InputError(f"{file}: is no XML: {error}") from None
+
+
+def _require_plain(data: bytes) -> None:
+    """Raise DefusedXmlException for a document type or entities, which XML allows before its first element only; read no further."""
+    from xml.etree.ElementTree import TreeBuilder
+
+    from defusedxml.ElementTree import DefusedXMLParser
+
+    begun: list[str] = []
+
+    class Prolog(TreeBuilder):
+        """Notes that the first element has begun."""
+
+        def start(self, tag: str, attrs: dict[str, str], /) -> Element:
+            """Note an element."""
+            begun.append(tag)
+            return super().start(tag, attrs)
+
+    parser = DefusedXMLParser(target=Prolog(), forbid_dtd=True)
+    for first in range(0, len(data), _PART):
+        parser.feed(data[first : first + _PART])
+        if begun:
+            return

@@ -51,10 +51,11 @@ class CsvTable(AbstractFormat):
             segments = np.clip(np.searchsorted(track.sensors.t, track.t, side="right") - 1, 0, len(track.sensors.chosen) - 1)
             rows += [list(map(str, on.tolist())) for on in track.sensors.chosen[segments].astype(int).T]
             heads += [f"{name} on" for name in track.sensors.names]
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([*heads, _ABOUT])
-        writer.writerows(zip(*rows, [about_text(track)] + [""] * (len(track.t) - 1), strict=True))
+        text, (first, *others) = io.StringIO(), map(",".join, zip(*rows, strict=True))
+        csv.writer(text, lineterminator="\n").writerow([*heads, _ABOUT])
+        text.write(f"{first},")
+        csv.writer(text, lineterminator="\n").writerow([about_text(track)])
+        text.write("".join(f"{row},\n" for row in others))
         target.write_text(text.getvalue(), encoding="utf-8", newline="")
 
     def parse(self, file: Path) -> Track:
@@ -68,7 +69,7 @@ class CsvTable(AbstractFormat):
             raise InputError(f"{file}, line 1: no column {missing[0]!r} (accepted: {', '.join((*_LOCAL, _HEADING))})")
         names = (*_LOCAL, *((_HEADING,) if _HEADING in header else ()))
         places = [header.index(name) for name in names]
-        values = np.array([[float(row[place]) for place in places] for row in rows if row]).reshape(-1, len(names))
+        values = np.array([[float(row[place]) for row in rows if row] for place in places]).T
         about = read_about(rows[0][header.index(_ABOUT)] if _ABOUT in header else None)
         heading = values[:, 4] if len(names) == 5 else None
         return Track(values[:, 0], values[:, 1:4], heading, about.origin, about.epoch, about.sensors, file.stem)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import AbstractFormat
+from obsdesign.exchange.abstract import AbstractFormat, collection_deferred
 from obsdesign.exchange.bag import RosBag
 from obsdesign.exchange.csv_table import CsvTable
 from obsdesign.exchange.czml import Czml
@@ -54,7 +54,8 @@ def write_track(track: Track, word: str, target: Path, autopilot: Autopilot = "p
     writers: dict[str, Callable[[Path], object]] = {target.name: lambda file: kind.write(track, file)}
     if table:
         writers[f"{target.name}.sensors.csv"] = lambda file: file.write_text(table, encoding="utf-8", newline="")
-    write_all(target.parent, writers)
+    with collection_deferred():
+        write_all(target.parent, writers)
     return tuple(target.with_name(name) for name in writers)
 
 

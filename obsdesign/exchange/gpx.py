@@ -23,6 +23,10 @@ from obsdesign.exchange.track import (
 )
 
 _GPX, _OURS = "http://www.topografix.com/GPX/1/1", "https://github.com/obsdesign/obsdesign"
+# whole tags, which are looked up several times as fast as paths of prefixes
+_TRACK, _SEGMENT, _TRACK_POINT = (f"{{{_GPX}}}{tag}" for tag in ("trk", "trkseg", "trkpt"))
+_TIME, _HEIGHT, _EXTENSIONS = (f"{{{_GPX}}}{tag}" for tag in ("time", "ele", "extensions"))
+_HEADING = f"{{{_OURS}}}heading"
 _HEAD = f"""<?xml version="1.0" encoding="UTF-8"?>
 <gpx version="1.1" creator="obsdesign" xmlns="{_GPX}" xmlns:o="{_OURS}">
 <metadata><name>%s</name><desc>%s</desc></metadata>
@@ -65,22 +69,21 @@ class Gpx(AbstractFormat):
 
     def parse(self, file: Path) -> Track:
         """Return all points of all tracks of a GPX 1.1 file; height and time at every point."""
-        space = {"g": _GPX, "o": _OURS}
         root = read_xml(file)
-        points = root.findall("g:trk/g:trkseg/g:trkpt", space)
+        points = [point for track in root.findall(_TRACK) for segment in track.findall(_SEGMENT) for point in segment.findall(_TRACK_POINT)]
         if not points:
             raise InputError("has no trkpt of GPX 1.1")
-        texts = [point.findtext("g:time", None, space) for point in points]
-        heights = [point.findtext("g:ele", None, space) for point in points]
+        texts, heights = ([point.findtext(tag) for point in points] for tag in (_TIME, _HEIGHT))
         if None in texts or None in heights:
             raise InputError("has points without ele or time")
-        about = read_about(root.findtext("g:metadata/g:desc", None, space))
+        about = read_about(root.findtext(f"{{{_GPX}}}metadata/{{{_GPX}}}desc"))
         place = np.array([[float(point.attrib["lat"]), float(point.attrib["lon"])] for point in points])
         origin, position = local(place[:, 0], place[:, 1], np.array([float(height or "") for height in heights]), about.origin)
-        headings = [point.findtext("g:extensions/o:heading", None, space) for point in points]
+        extensions = [point.find(_EXTENSIONS) for point in points]
+        headings = [None if extension is None else extension.findtext(_HEADING) for extension in extensions]
         heading = None if None in headings else from_compass(np.array([float(text or "") for text in headings]))
         t = seconds_since(about.epoch, [str(text).strip() for text in texts])
-        name = root.findtext("g:trk/g:name", None, space) or file.stem
+        name = root.findtext(f"{_TRACK}/{{{_GPX}}}name") or file.stem
         return Track(t, position, heading, origin, about.epoch, about.sensors, name)
 
 

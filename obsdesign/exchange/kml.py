@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import AbstractFormat, Precision, read_xml
+from obsdesign.exchange.abstract import AbstractFormat, Precision, number_rows, read_xml
 from obsdesign.exchange.geodesy import geodetic, local
 from obsdesign.exchange.track import (
     Track,
@@ -87,12 +87,12 @@ class Kml(AbstractFormat):
         if track is None:
             raise InputError("has no gx:Track: a LineString alone has no times")
         texts = [element.text or "" for element in track.findall(f"{{{_KML}}}when")]
-        places = [(element.text or "").split() for element in track.findall(f"{{{_GX}}}coord")]
-        angles = [(element.text or "").split() for element in track.findall(f"{{{_GX}}}angles")]
+        places = [(element.text or "").strip() for element in track.findall(f"{{{_GX}}}coord")]
+        angles = [(element.text or "").strip() for element in track.findall(f"{{{_GX}}}angles")]
         if len(texts) != len(places) or (angles and len(angles) != len(places)):
             raise InputError(f"gx:Track has {len(texts)} times, {len(places)} positions and {len(angles)} angles")
         told = [i for i, place in enumerate(places) if place]
-        values = np.array([[float(entry) for entry in places[i]] for i in told]).reshape(len(told), -1)
+        values = number_rows("gx:coord", [places[i] for i in told])
         if values.shape[1] != 3 or len(told) < 2:
             raise InputError("gx:coord must be at least two positions of longitude, latitude and height")
         about = read_about(root.findtext(f"{{{_KML}}}Document/{{{_KML}}}description"))
@@ -110,12 +110,12 @@ def _points(track: Track, places: np.ndarray, times: list[str]) -> list[str]:
     return rows
 
 
-def _headings(angles: list[list[str]], told: list[int]) -> np.ndarray | None:
+def _headings(angles: list[str], told: list[int]) -> np.ndarray | None:
     """Return headings (N,) [rad]; None where there are none, or all angles are 0, as writers make them up."""
     if not angles:
         return None
-    headings = np.array([[float(entry) for entry in angles[i]] for i in told])
-    return None if headings.ndim != 2 or not headings.any() else from_compass(headings[:, 0])
+    headings = number_rows("gx:angles", [angles[i] for i in told])
+    return None if not headings.any() else from_compass(headings[:, 0])
 
 
 def _name(root: Element) -> str | None:

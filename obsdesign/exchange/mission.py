@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,8 +44,7 @@ class AbstractMission(AbstractFormat):
         return True
 
 
-@dataclass(frozen=True)
-class MissionItem:
+class MissionItem(NamedTuple):
     """A command in a frame with its seven parameters; NaN where the autopilot is to choose."""
 
     command: int

@@ -65,7 +65,9 @@ class QgcPlan(AbstractMission):
 
 
 def _simple_item(item: MissionItem, number: int) -> dict[str, Any]:
-    parameters = [None if math.isnan(value) else value for value in item.parameters]
+    parameters: list[float | None] = list(item.parameters)
+    if any(map(math.isnan, item.parameters)):
+        parameters = [None if math.isnan(value) else value for value in item.parameters]
     simple = {
         "type": "SimpleItem",
         "command": item.command,
@@ -83,7 +85,8 @@ def _simple_item(item: MissionItem, number: int) -> dict[str, Any]:
 def _item(entry: Any, number: int) -> MissionItem:  # noqa: ANN401  # whatever a file holds
     if entry["type"] != "SimpleItem":
         raise InputError(f"item {number} is a {entry['type']!r}: must be a SimpleItem")
-    parameters = tuple(math.nan if value is None else float(value) for value in entry["params"])
+    given = entry["params"]
+    parameters = tuple(map(float, given if None not in given else (math.nan if value is None else value for value in given)))
     if len(parameters) != 7:
         raise InputError(f"item {number} has {len(parameters)} params: must have 7")
     return MissionItem(int(entry["command"]), int(entry["frame"]), parameters)

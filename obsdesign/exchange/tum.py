@@ -10,7 +10,7 @@ import numpy as np
 
 from obsdesign.calculus import yaw
 from obsdesign.errors import InputError
-from obsdesign.exchange.abstract import AbstractFormat, Precision, read_text
+from obsdesign.exchange.abstract import AbstractFormat, Precision, number_rows, read_text
 from obsdesign.exchange.track import Track, about_text, read_about
 
 _COLUMNS = 8
@@ -51,11 +51,9 @@ class TumTrajectory(AbstractFormat):
         """Return the track: its headings are those of the body's x axis, seen from above."""
         lines = read_text(file).splitlines()
         about = next((line[1:].strip() for line in lines if line.startswith('# {"')), None)
-        rows = [line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")]
-        for number, row in enumerate(rows, 1):
-            if len(row) != _COLUMNS:
-                raise InputError(f"row {number} has {len(row)} numbers: must have {_COLUMNS}, t x y z qx qy qz qw")
-        values = np.array([[float(entry) for entry in row] for row in rows]).reshape(-1, _COLUMNS)
+        values = number_rows("row", [line for line in lines if line.strip() and not line.lstrip().startswith("#")])
+        if values.shape[1] != _COLUMNS:
+            raise InputError(f"row 1 has {values.shape[1]} numbers: must have {_COLUMNS}, t x y z qx qy qz qw")
         if np.abs(values[:, 4:]).max() > 2 or not (np.abs(np.linalg.norm(values[:, 4:], axis=1) - 1) < 1e-3).all():
             raise InputError("a quaternion is not of length 1")
         beside = read_about(about)

@@ -13,6 +13,7 @@ from obsdesign.exchange.track import About, GeodeticOrigin, Track
 
 _HEAD = "QGC WPL 110"
 _COLUMNS = 12
+_ROW = "\t".join(["%d"] * 4 + ["%.3f"] * 4 + ["%.8f"] * 2 + ["%.3f", "1"])
 
 
 @dataclass(frozen=True)
@@ -51,14 +52,13 @@ class WaypointText(AbstractMission):
 
 
 def _row(item: MissionItem, number: int) -> str:
-    values = [f"{value:.8f}" if k in (4, 5) else f"{value:.3f}" for k, value in enumerate(item.parameters)]
-    return "\t".join((str(number), str(int(number == 0)), str(item.frame), str(item.command), *values, "1"))
+    return _ROW % (number, number == 0, item.frame, item.command, *item.parameters)
 
 
 def _item(cells: list[str], line: int) -> MissionItem:
     if len(cells) != _COLUMNS:
         raise InputError(f"line {line} has {len(cells)} columns: must have {_COLUMNS}")
-    parameters = tuple(float(cell) for cell in cells[4:11])
-    if any(math.isinf(value) for value in parameters):
+    parameters = tuple(map(float, cells[4:11]))
+    if any(map(math.isinf, parameters)):
         raise InputError(f"line {line} holds an infinite number")
     return MissionItem(int(cells[3]), int(cells[2]), parameters)
