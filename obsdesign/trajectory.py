@@ -139,8 +139,11 @@ class Trajectory(AbstractDisplay):
 
     @cached_property
     def _mean_step(self) -> float:
-        # of the whole span: the difference of two neighbouring times carries their round-off
-        return float(f"{float(self.t[-1] - self.t[0]) / (len(self.t) - 1):.12g}")
+        # of the whole span: the difference of two neighbouring times carries their round-off; a number of 12 digits where that is all it is
+        mean, eps = float(self.t[-1] - self.t[0]) / (len(self.t) - 1), float(np.finfo(float).eps)
+        rounding = 2 * eps * (mean + float(np.abs(self.t[[0, -1]]).max()) / (len(self.t) - 1))
+        rounded = float(f"{mean:.12g}")
+        return rounded if abs(rounded - mean) <= rounding else mean
 
 
 def uneven_path_of(path: Trajectory, t: np.ndarray, x: np.ndarray, u: np.ndarray, w: np.ndarray | None) -> Trajectory:

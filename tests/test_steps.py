@@ -180,6 +180,17 @@ def test_two_hundred_random_systems_meet_the_tolerance():
 # ---------------------------------------------------------------- what is refused
 
 
+def test_a_path_has_the_step_that_it_was_made_of():
+    """All of its digits, which times of many of them have: information along it is that of these instants, as a proven bound is."""
+    system, random = od.System(od.Dubins(1.0), (od.GPS(1.0),)), np.random.default_rng(12)
+    for step in (0.05, 1 / 3, 0.1, 1e-4, 123.456, *10 ** random.uniform(-6, 6, 40)):
+        path = od.simulate(system, (0.0, 0.0, 0.0), np.zeros((int(random.integers(1, 300)), 1)), float(step))
+        assert path.step == pytest.approx(step, rel=1e-15, abs=0.0)
+    assert od.simulate(system, (0.0, 0.0, 0.0), np.zeros((300, 1)), 0.05).step == 0.05
+    t = 1.7e9 + 0.05 * np.arange(101)  # seconds since 1970 are known to 2e-7 s
+    assert od.Trajectory(t, np.zeros((101, 3)), np.zeros((100, 1))).step == pytest.approx(0.05, abs=5e-9)
+
+
 def test_a_step_too_coarse_is_refused_with_one_that_would_do():
     system = free(lambda x: ca.vertcat(-(10 + ca.sin(x[0])) * 1e3 * (x[0] - ca.cos(x[1])), 1 + 0 * x[0]), 2)
     with pytest.raises(od.InputError, match=r"a step of 1 s is too coarse for these dynamics: .*; a step of [0-9.]+ s would do"):
