@@ -56,7 +56,7 @@ class InteriorPoint:
 
 def has_machine_code() -> bool:
     """Whether there is compiled code, which needs a C compiler once; compiles it if it is not there yet, which takes about a second."""
-    return native_code.compile_policy() != "never" and _entry() is not None
+    return native_entry("", _ENTRY) is not None
 
 
 def follow_central_path(
@@ -68,7 +68,7 @@ def follow_central_path(
     Source: Mehrotra, On the implementation of a primal-dual interior point method (1992); Nesterov and Todd, Self-scaled barriers
     and interior-point methods for convex programming (1997).
     """
-    entry = _entry()
+    entry = native_entry("", _ENTRY)
     if entry is None:
         return None
     N, q, r = len(program.c), len(program.P), program.half_lines
@@ -76,7 +76,7 @@ def follow_central_path(
     data = (ctypes.c_void_p * 4)(*(values.ctypes.data for values in (program.P, program.c, program.X, program.h)))
     result, goal = np.concatenate([y, multipliers, [np.inf, 0.0]]), np.array([aim])
     has_failed = entry(
-        max_iterations, len(program.h), sizes.ctypes.data, ctypes.addressof(data), _linear_algebra(), result.ctypes.data, goal.ctypes.data
+        max_iterations, len(program.h), sizes.ctypes.data, ctypes.addressof(data), linear_algebra(), result.ctypes.data, goal.ctypes.data
     )
     if has_failed:
         return None
@@ -84,17 +84,22 @@ def follow_central_path(
     return InteriorPoint(y, lower, upper, z, float(measured[0]), int(measured[1]))
 
 
+def native_entry(text: str, entry: str) -> Any:  # noqa: ANN401  # a C function, or None
+    """Return a function of C that stands in a text which uses this method, and follows it in one source; None without machine code."""
+    return None if native_code.compile_policy() == "never" else _load(text, entry)
+
+
 @cache
-def _entry() -> Any:  # noqa: ANN401  # a C function, or None
-    if _linear_algebra() is None:
+def _load(text: str, entry: str) -> Any:  # noqa: ANN401  # a C function, or None
+    if linear_algebra() is None:
         return None
-    source = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
-    compiled = native_code.load(source, _ENTRY, 0)
-    return None if compiled is None else compiled.entry
+    method = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
+    loaded = native_code.load(f"{method}\n{text}", entry, 0)
+    return None if loaded is None else loaded.entry
 
 
 @cache
-def _linear_algebra() -> Any:  # noqa: ANN401  # an array of addresses, or None
+def linear_algebra() -> Any:  # noqa: ANN401  # an array of addresses, or None
     """Return the functions of SciPy's BLAS and LAPACK that the code calls; None where their integers are no ints."""
     table = (ctypes.c_void_p * len(_FUNCTIONS))()
     name_of = ctypes.pythonapi.PyCapsule_GetName

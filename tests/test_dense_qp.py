@@ -167,7 +167,7 @@ def test_a_cone_in_other_units_leaves_the_minimiser():
 @pytest.mark.parametrize("factor", [1e3, 1e6, 1e9, 1e12])
 def test_a_cone_that_is_never_near_its_edge_changes_nothing(factor: float):
     compared = 0
-    for seed in range(20):
+    for seed in range(40):
         qp = random_program(seed)
         if not qp.cones or not len(qp.weights):
             continue
@@ -180,7 +180,7 @@ def test_a_cone_that_is_never_near_its_edge_changes_nothing(factor: float):
             compared += 1
             value, size = value_at(qp, with_far.d)
             assert value - proven_bound(qp, without) <= 1e-7 * size, seed
-    assert compared >= 10
+    assert compared >= 18
 
 
 def test_the_largest_smallest_eigenvalue_on_a_circle():

@@ -26,6 +26,7 @@ from obsdesign.design.local_solve import LocalSolution, LocalSolve, solve_locall
 from obsdesign.design.nlp.criterion_objective import CriterionObjective, matrix_objective_of
 from obsdesign.design.nlp.evaluation import Evaluation
 from obsdesign.design.nlp.program import Program
+from obsdesign.design.nlp.sensitivity import Linearisation, propagate_sensitivity
 from obsdesign.design.sqp.active_set_step import ActiveCone, KKTSystem, newton_step
 from obsdesign.design.sqp.combination import Mean, Smallest
 from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
@@ -773,6 +774,33 @@ def test_slopes_where_nothing_is_known_point_there(criterion, unit):
         slope = criterion.slope(4.0 * unit * np.outer(seen, seen))
         assert np.isfinite(slope).all()
         assert hidden @ slope @ hidden > 1e6 * abs(seen @ slope @ seen)
+
+
+@pytest.mark.parametrize("policy", ["", "0"])
+@pytest.mark.parametrize("of_each_run", [False, True])
+def test_sensitivities_are_sums_over_earlier_inputs(of_each_run: bool, policy: str, monkeypatch: pytest.MonkeyPatch):
+    """dz_k/dp = A_k-1 ... A_0 G_0 + sum_j A_k-1 ... A_j+1 B_j M_j, and sum_k D_k dz_k/dp; most entries 0, parameters of later steps too."""
+    monkeypatch.setenv("OBSDESIGN_COMPILE", policy)
+    random, (runs, steps, c, m, b, q) = np.random.default_rng(0), (2, 6, 4, 2, 3, 5)
+
+    def sparse(*shape: int) -> np.ndarray:
+        return random.standard_normal(shape) * (random.uniform(size=shape) < 0.4)
+
+    A, B, D = sparse(runs, steps, c, c), sparse(runs, steps, c, m), sparse(runs, steps, b, c)
+    M = sparse(runs, steps, m, q) if of_each_run else sparse(steps, m, q)
+    M = M * (np.arange(steps)[:, None, None] >= np.arange(q))  # parameter i works from step i on
+    initial = sparse(runs, c, q)
+    found = propagate_sensitivity(Linearisation(A, B, D), initial, M)
+    for run in range(runs):
+        total = np.zeros((b, q))
+        for k in range(steps + 1):
+            expected = np.linalg.multi_dot([np.eye(c), *A[run, :k][::-1], initial[run]])
+            for j in range(k):
+                forcing = B[run, j] @ (M[run, j] if of_each_run else M[j])
+                expected = expected + np.linalg.multi_dot([np.eye(c), *A[run, j + 1 : k][::-1], forcing])
+            np.testing.assert_allclose(found.G[run, k], expected, rtol=1e-12, atol=1e-12)
+            total += D[run, k] @ expected if k < steps else 0.0
+        np.testing.assert_allclose(found.gains[run], total, rtol=1e-12, atol=1e-12)
 
 
 def test_the_solver_imports_nothing_but_its_own_modules_conic_programs_and_the_words_of_status():

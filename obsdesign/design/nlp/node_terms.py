@@ -67,14 +67,15 @@ class NodeTerms:
         if between.size:
             k = node[between]
             at_rows[between] = self._margin_curves.gradients(x[k], u[k], evaluation.delay[between])[np.arange(len(k)), margin[between]]
-        rows = np.matmul(at_rows[:, None, :n], G[0, node, :n])[:, 0]
-        if np.any(at_rows[:, n:]):
-            rows = rows + np.matmul(at_rows[:, None, n:], node_inputs[node])[:, 0]
-        costs = gradients[:-1, margin_count:]
+        rows = np.zeros((len(node), M.shape[-1]))
+        for i in np.flatnonzero(at_rows.any(axis=0)):  # limits depend on few of the variables
+            rows += at_rows[:, i, None] * (G[0, node, i] if i < n else node_inputs[node, i - n])
+        cut, costs = len(self._price_rates), gradients[:-1, margin_count:]
+        if not costs.shape[1]:
+            return rows, np.zeros(M.shape[-1])
         totals = self._problem.step * (
             np.einsum("krn,knq->rq", costs[:, :, :n], G[0, :-1, :n]) + np.einsum("krm,kmq->rq", costs[:, :, n:], M)
         )
-        cut = len(self._price_rates)
         return np.vstack([rows, -totals[cut:] / self._most[:, None]]), self._price_rates @ totals[:cut]
 
     def lagrangian(self, evaluation: Evaluation, multipliers: Multipliers) -> NodeCosts:

@@ -12,7 +12,8 @@ from obsdesign.design.nlp.evaluation import NO_ROWS, ConstraintRows, Derivatives
 from obsdesign.design.nlp.information_recursion import gramian_recursion, posterior_recursion, state_recursion
 from obsdesign.design.nlp.input_map import input_map_of
 from obsdesign.design.nlp.node_terms import NodeTerms
-from obsdesign.design.nlp.rollout import Linearisation, NodeCosts, Rollout, RolloutFunctions, propagate_sensitivity
+from obsdesign.design.nlp.rollout import NodeCosts, Rollout, RolloutFunctions
+from obsdesign.design.nlp.sensitivity import Linearisation, PathSensitivity, propagate_sensitivity
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.sqp.evaluation import Multipliers
 from obsdesign.design.sqp.nonlinear_program import AbstractProgram
@@ -128,8 +129,8 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         M = self._input_jacobian(evaluation.p)
         linearisation = self._variation.linearise(evaluation.rollout)
         initial = np.zeros((len(self._starts), self._variation.c, self.q))
-        G = propagate_sensitivity(linearisation, initial, M)
-        matrices = self._judged_derivatives(linearisation, G)
+        sensitivity = propagate_sensitivity(linearisation, initial, M)
+        G, matrices = sensitivity.G, self._judged_derivatives(linearisation, sensitivity)
         window_sensitivity, floors = self._window_derivatives(evaluation, G, M)
         rows, price = self._node_terms.derivatives(evaluation, G, M)
         rates = self._rate_rows(evaluation.p)[1]
@@ -140,20 +141,18 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
             return self._input_map.line[1].reshape(self.steps, self.m, self.q)
         return self._input_map.jacobian(p).full().reshape(self.steps, self.m, self.q)
 
-    def _judged_derivatives(self, linearisation: Linearisation, G: np.ndarray) -> np.ndarray:
+    def _judged_derivatives(self, linearisation: Linearisation, sensitivity: PathSensitivity) -> np.ndarray:
         """Derivatives (b, q, n, n) of the matrices that are judged."""
         if self._instants is None:
-            return self._matrix_derivatives(linearisation, G)[self.judged]
+            return self._matrix_derivatives(sensitivity)[self.judged]
         k = self._instants.steps
-        return unpack((linearisation.D[0, k] @ G[0, k]).swapaxes(1, 2), self.n) * self._unit_scaling
+        return unpack((linearisation.D[0, k] @ sensitivity.G[0, k]).swapaxes(1, 2), self.n) * self._unit_scaling
 
-    def _matrix_derivatives(self, linearisation: Linearisation, G: np.ndarray) -> np.ndarray:
+    def _matrix_derivatives(self, sensitivity: PathSensitivity) -> np.ndarray:
         """Derivatives (M, q, n, n) of S W S, W the sum of the gains."""
         if not self._has_information:
-            return np.zeros((1, G.shape[-1], self.n, self.n))
-        runs, steps, b, c = linearisation.D.shape
-        D = linearisation.D.transpose(0, 2, 1, 3).reshape(runs, b, steps * c)
-        return unpack((D @ G[:, :-1].reshape(runs, steps * c, -1)).swapaxes(1, 2), self.n) * self._unit_scaling
+            return np.zeros((1, self.q, self.n, self.n))
+        return unpack(sensitivity.gains.swapaxes(1, 2), self.n) * self._unit_scaling
 
     # ---------------------------------------------------------------- second derivatives
 
@@ -225,7 +224,7 @@ class Program(AbstractProgram[Evaluation, Derivatives]):
         initial = np.zeros((len(self._window_starts), self._variation.c, self.q))
         initial[:, : self.n] = G[0, self._window_starts, : self.n]
         sensitivity = propagate_sensitivity(linearisation, initial, M[self._window_steps])
-        return sensitivity, self._matrix_derivatives(linearisation, sensitivity)
+        return sensitivity.G, self._matrix_derivatives(sensitivity)
 
     def _window_hessian(
         self, evaluation: Evaluation, derivatives: Derivatives, multipliers: Multipliers, node_costs: NodeCosts

@@ -8,8 +8,9 @@ import casadi as ca
 import numpy as np
 
 from obsdesign.design.nlp.information_recursion import InformationRecursion
+from obsdesign.design.nlp.sensitivity import Linearisation
 from obsdesign.dynamics.scan import ExpandedColumn, Scan
-from obsdesign.packing import pack, symmetric
+from obsdesign.packing import lower_indices, pack, symmetric
 
 _LARGE = 36  # entries of z above which products of matrices take less time than the graph that they would make
 
@@ -21,15 +22,6 @@ class Rollout:
     z: np.ndarray
     u: np.ndarray
     due: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class Linearisation:
-    """dz_k+1 = A dz_k + B du_k, d gain_k = D dz_k: A (M, N, c, c), B (M, N, c, m), D (M, N, b, c)."""
-
-    A: np.ndarray
-    B: np.ndarray
-    D: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +99,13 @@ class RolloutFunctions:
 
     def _backward_by_graph(self, rows: list[np.ndarray], costate: np.ndarray, H: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return K, R, slope, first and start of `SecondDerivatives`, all in one loop."""
-        lower, inner, runs, steps = np.triu_indices(self.n + self.m), np.triu_indices(self.c), len(H), H.shape[1] - 1
-        end = np.hstack([costate, self._last(H)[:, inner[1], inner[0]]])
-        run = self._backward.run(end, [*rows, H[:, -2::-1, lower[1], lower[0]]], steps, carries=False)
+        (row, column), (inner_row, inner_column) = lower_indices(self.n + self.m), lower_indices(self.c)
+        runs, steps = len(H), H.shape[1] - 1
+        end = np.hstack([costate, self._last(H)[:, inner_row, inner_column]])
+        run = self._backward.run(end, [*rows, H[:, -2::-1, row, column]], steps, carries=False)
         K, R, gradient = (values[:, ::-1].copy() for values in run.results)
         initial_hessian = np.zeros((runs, self.c, self.c))
-        initial_hessian[:, inner[1], inner[0]] = initial_hessian[:, inner[0], inner[1]] = run.carry[:, self.c :]
+        initial_hessian[:, inner_row, inner_column] = initial_hessian[:, inner_column, inner_row] = run.carry[:, self.c :]
         shape = (runs, steps, self.m)
         return K.reshape(*shape, self.c), R.reshape(*shape, self.m), gradient, run.carry[:, : self.c], initial_hessian
 
@@ -181,24 +174,6 @@ class RolloutFunctions:
         return Scan(
             costate, [step.z, step.u, step.due, weights, g], gradient[: self.c], [_spread(hessian), gradient[self.c :]], share=False
         )
-
-
-def propagate_sensitivity(linearisation: Linearisation, initial: np.ndarray, M: np.ndarray) -> np.ndarray:
-    """Return G (M, N+1, c, q), dz_k/dp, from first (M, c, q) with inputs du_k = M_k dp, M (N, m, q) or (M, N, m, q)."""
-    runs, steps, c, _ = linearisation.A.shape
-    G = np.empty((runs, steps + 1, c, initial.shape[-1]))
-    G[:, 0] = initial
-    forcing = linearisation.B @ M
-    if runs == 1:  # fewer dimensions: half the time
-        A, single, single_forcing = linearisation.A[0], G[0], forcing[0]
-        for k in range(steps):
-            np.dot(A[k], single[k], out=single[k + 1])
-            single[k + 1] += single_forcing[k]
-        return G
-    for k in range(steps):
-        np.matmul(linearisation.A[:, k], G[:, k], out=G[:, k + 1])
-        G[:, k + 1] += forcing[:, k]
-    return G
 
 
 def _spread(matrix: ca.SX) -> ExpandedColumn:

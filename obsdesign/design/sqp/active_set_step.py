@@ -105,16 +105,24 @@ def _cone_equations(cone: ActiveCone, levels: np.ndarray) -> tuple[np.ndarray, n
     is_active = values > 1e-3 * max(values[-1], 1e-300)
     U, V = vectors[:, is_active], vectors[:, ~is_active]
     S = cone.A if cone.epigraph_index is None else cone.A - levels[cone.epigraph_index] * cone.E
-    UD = U.T @ D
-    edge_values, edge_slopes, curvature = U.T @ S @ U, UD @ U, np.zeros((len(D), len(D)))
+    inside = _in_basis(D, np.hstack([U, V]))
+    k = U.shape[1]
+    edge_values, edge_slopes, curvature = U.T @ S @ U, inside[:, :k, :k], np.zeros((len(D), len(D)))
     if V.shape[1]:
-        R, cross, inner = UD @ V, U.T @ S @ V, np.linalg.inv(V.T @ S @ V)
+        R, cross, inner = inside[:, :k, k:], U.T @ S @ V, np.linalg.inv(V.T @ S @ V)
         bent = R @ (inner @ cross.T)
         edge_values, edge_slopes = edge_values - cross @ inner @ cross.T, edge_slopes - bent - bent.swapaxes(1, 2)
         weighted = (U.T @ cone.Z @ U) @ R @ inner
         curvature = 2 * R.reshape(len(D), -1) @ weighted.reshape(len(D), -1).T
     rows, columns = np.tril_indices(U.shape[1])
     return curvature, edge_slopes[:, rows, columns].T, edge_values[rows, columns]
+
+
+def _in_basis(D: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """Return Q'D Q of symmetric D (q, n, n)."""
+    q, n, _ = D.shape
+    half = (D.reshape(q * n, n) @ Q).reshape(q, n, n)
+    return (half.swapaxes(1, 2).reshape(q * n, n) @ Q).reshape(q, n, n)
 
 
 def _slopes(cone: ActiveCone, T: int) -> np.ndarray:

@@ -31,7 +31,7 @@ def _eigenvalue_difference_slopes(Z: np.ndarray, D: np.ndarray) -> np.ndarray:
     k = U.shape[1]
     if k < 2:
         return np.zeros((0, len(D)))
-    R = U.T @ D @ U
+    R = (D.reshape(-1, len(Z)) @ U).reshape(*D.shape[:2], k).swapaxes(1, 2) @ U
     upper = np.triu_indices(k, 1)
     return np.vstack([R[:, upper[0], upper[1]].T, (R[:, np.arange(1, k), np.arange(1, k)] - R[:, :1, 0]).T])
 

@@ -224,8 +224,8 @@ def _base_after(model: LocalModel, d: np.ndarray, trial: Iterate, scaling: Merit
     """What limits and matrices would have to be at the iterate for their slopes to lead to what they are at a trial, d away."""
     evaluation, derivatives = trial.evaluation, model.derivatives
     return _BasePoint(
-        evaluation.matrices - np.tensordot(d, derivatives.matrices, (0, 1)),
-        trial.floors - np.tensordot(d, model.floor_derivatives, (0, 1)),
+        evaluation.matrices - _change(d, derivatives.matrices),
+        trial.floors - _change(d, model.floor_derivatives),
         evaluation.rows - derivatives.rows @ d,
         model.merit_function.objective.values(evaluation.matrices) / scaling.unit - model.epigraph_jacobian @ d
         if len(model.epigraph_rows)
@@ -273,7 +273,7 @@ def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) ->
     """The model's merit after a step, recomputed: what a solver reports is a claim."""
     evaluation, objective = model.iterate.evaluation, model.merit_function.objective
     if objective.is_cone:
-        moved = objective.values(evaluation.matrices + np.tensordot(d, model.derivatives.matrices, (0, 1)))
+        moved = objective.values(evaluation.matrices + _change(d, model.derivatives.matrices))
         value = objective.combination.model_total(objective.values(evaluation.matrices), moved) / scaling.unit
     else:
         value = (
@@ -282,6 +282,12 @@ def _predicted_merit(model: LocalModel, d: np.ndarray, scaling: MeritScaling) ->
             else model.iterate.objective_value / scaling.unit
         )
     rows = evaluation.rows + model.derivatives.rows @ d
-    floors = model.iterate.floors + np.tensordot(d, model.floor_derivatives, (0, 1))
+    floors = model.iterate.floors + _change(d, model.floor_derivatives)
     quadratic = model.g @ d + 0.5 * d @ model.B @ d + evaluation.price / scaling.unit
     return float(quadratic - value + scaling.penalty * largest_violation(rows, floors))
+
+
+def _change(d: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
+    """By how much matrices (b, n, n) change along d (q,), by their derivatives (b, q, n, n)."""
+    b, q, n, _ = derivatives.shape
+    return (d @ derivatives.reshape(b, q, n * n)).reshape(b, n, n)
