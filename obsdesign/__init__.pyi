@@ -1,5 +1,7 @@
 from .analysis.polynomial_inputs import Polynomial as Polynomial
 from .analysis.query import observability as observability
+from .analysis.symmetry import Symmetry as Symmetry
+from .analysis.symmetry import SymmetryKind as SymmetryKind
 from .analysis.verdict import UnobservableError as UnobservableError
 from .analysis.verdict import Verdict as Verdict
 from .calibration.calibration_record import CalibratedNumber as CalibratedNumber

@@ -216,7 +216,7 @@ RETURNED = (
         "Violation",
         "ViolationKind",
     ),
-    *("Study", "Sweep", "SweepRun", "ThinnedPath", "UnobservableError", "Validation", "Verdict", "figures"),
+    *("Study", "Sweep", "SweepRun", "Symmetry", "SymmetryKind", "ThinnedPath", "UnobservableError", "Validation", "Verdict", "figures"),
 )
 
 

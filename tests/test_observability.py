@@ -194,7 +194,7 @@ def test_a_finite_list_of_words_is_decided_at_a_singular_point():
     x = states(1)
     verdict = observability(affine(x, [x**2]), at=[0.0])
     assert (verdict.dimension, verdict.decided, verdict.stopped_by) == (0, True, "criterion")
-    assert verdict.hidden == "x0 is not seen at all (to first order)"  # x^2 changes with x, but not at 0
+    assert verdict.hidden == "x0 is not seen at all (to first order, at x0 = 0)"  # x^2 changes with x, but not at 0
 
 
 def test_the_cap_is_the_generic_rank_nearby():
@@ -450,8 +450,8 @@ def test_words_for_a_combination_have_the_right_signs():
     # heading + 1 deg turns the velocity left: at 30 deg of heading 20 m/s lose 0.175 m/s to the east and gain 0.302 m/s to the north
     verdict = observability_of(model_with(DUBINS, "g"), at=(0, 0, np.pi / 6, 3, -2), held=STRAIGHT)
     assert verdict.hidden == (
-        "heading cannot be told from wind_x, wind_y: +1 deg of heading with +0.175 m/s of wind_x and -0.302 m/s of wind_y"
-        " changes no output (to first order)"
+        "heading cannot be told from wind_x, wind_y: in the rates of all states wind_x, wind_y can make up for it, such as"
+        " +1 deg of heading with +0.175 m/s of wind_x and -0.302 m/s of wind_y, and no output changes"
     )
 
 
@@ -470,7 +470,7 @@ def test_words_for_several_directions():
 def test_words_for_plain_systems_have_no_units():
     x = states(2)
     verdict = observability(affine(x, [x[0] - 2 * x[1]]))
-    assert verdict.hidden == "x0 cannot be told from x1: +1 of x0 with +0.5 of x1 changes no output (to first order)"
+    assert verdict.hidden == "x0 cannot be told from x1: +1 of x0 with +0.5 of x1 changes no output, only x0 - 2 x1 shows"
 
 
 def test_error_for_an_unobservable_study_carries_the_words():

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.at_point import analyse_at, analyse_jets_at
+from obsdesign.analysis.codistribution import codistribution_of
 from obsdesign.analysis.engine_result import EngineResult, with_start
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, origin_of, point_from, random_fractions
@@ -25,6 +26,8 @@ from obsdesign.analysis.null_space_text import hidden_in_words
 from obsdesign.analysis.number_readings import AbstractQuery, QueryResult, readings_text, verdict_over_readings
 from obsdesign.analysis.polynomial_inputs import Polynomial, augment
 from obsdesign.analysis.rank_growth import modular_growth, require_value, restrict_to_piece
+from obsdesign.analysis.symmetry import Symmetry
+from obsdesign.analysis.symmetry_search import symmetries_of
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_array, require_count, require_known
@@ -147,13 +150,14 @@ class _ObservabilityQuery(AbstractQuery):
     def verdict(self, query_result: QueryResult) -> Verdict:
         """Return the verdict, with the one nearby where it is another."""
         equations, point = query_result.equations, query_result.point
+        told = (query_result.nearby or query_result.result).dimension
         result, nearby = with_start(query_result.result, self.known_at_start), query_result.nearby
         nearby = nearby and with_start(nearby, self.known_at_start)
         state = equations.original_state(point).state[equations.n_added :] if point else ()
         readings = (*equations.readings, *zip(self.augmented_model.state_names, state, strict=bool(state)))
         is_singular = nearby is not None and not (result.is_decided and result.dimension == nearby.dimension)
-        verdict = self._verdict_of(equations, result, is_given_point=point is not None, is_singular=is_singular)
-        generic = self._verdict_of(equations, nearby) if nearby and nearby.dimension != result.dimension else None
+        verdict = self._verdict_of(equations, result, told, is_given_point=point is not None, is_singular=is_singular)
+        generic = self._verdict_of(equations, nearby, told) if nearby and nearby.dimension != result.dimension else None
         return replace(verdict, proof=f"{verdict.proof}{readings_text(readings)}", generic=generic)
 
     def _results(self, equations: Equations, point: EvaluationPoint | None) -> tuple[EngineResult, EngineResult | None]:
@@ -197,12 +201,15 @@ class _ObservabilityQuery(AbstractQuery):
         return f"one degree more adds {n_gained} for {n_unknown} unknown input{'s' * (n_unknown > 1)}: the induction step {holds}"
 
     def _verdict_of(
-        self, equations: Equations, result: EngineResult, *, is_given_point: bool = False, is_singular: bool = False
+        self, equations: Equations, result: EngineResult, told: int, *, is_given_point: bool = False, is_singular: bool = False
     ) -> Verdict:
         rank, r, states = result.rank, len(self.signals), self.augmented_model.state_names
         n, is_asked = len(states) - r, [name not in self.signals for name in states]
         at = equations.original_state(result.point).midpoint[equations.n_added :]
-        hidden = hidden_in_words(self.augmented_model, rank.null_basis, at, is_given_point=is_given_point, is_singular=is_singular)
+        symmetries = self._symmetries(equations, result, at, told)
+        hidden = hidden_in_words(
+            self.augmented_model, rank.null_basis, at, symmetries, is_given_point=is_given_point, is_singular=is_singular
+        )
         return Verdict(
             dimension=rank.rank - r,
             observable=rank.rank == n + r,
@@ -211,6 +218,7 @@ class _ObservabilityQuery(AbstractQuery):
             ),
             unobservable_states=tuple(name for name, is_seen in zip(states, rank.is_determined, strict=True) if not is_seen),
             null_space=rank.null_space[is_asked],
+            symmetries=tuple(symmetry.without(is_asked) for symmetry in symmetries),
             hidden=hidden if result.is_decided else f"not decided, not seen so far: {hidden}",
             ranks=tuple(count - r for count in result.ranks),
             disturbance=_disturbance_in_words(self.model, self.disturbance),
@@ -220,6 +228,16 @@ class _ObservabilityQuery(AbstractQuery):
             decided=result.is_decided,
             proof=_proof_of(equations, result, n + r) + _states_for_inputs(equations, self.signals),
         )
+
+    def _symmetries(self, equations: Equations, result: EngineResult, at: np.ndarray, told: int) -> tuple[Symmetry, ...]:
+        """Return what hides the state from any state, with vectors at `at` (n,); told: the dimension that outputs tell there."""
+        unseen = [i for i, is_seen in enumerate(result.rank.is_determined) if not is_seen]
+        if not unseen:
+            return ()
+        equations = restrict_to_piece(equations, equations.region(self.seed, result.point))
+        codistribution = codistribution_of(equations, told, self.seed, smooth=self.is_smooth)
+        count = result.rank.null_space.shape[1]
+        return symmetries_of(codistribution, self.augmented_model, unseen, at, count) if codistribution else ()
 
 
 def _proof_of(equations: Equations, result: EngineResult, n: int) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from obsdesign.analysis.symmetry import Symmetry
 from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.errors import ExitCode, ObsdesignError
 
@@ -47,6 +48,8 @@ class Verdict(AbstractDisplay):
     """False where nothing is claimed beyond the lower bound."""
     proof: str
     """What was proven, and how."""
+    symmetries: tuple[Symmetry, ...] = ()
+    """What hides the state from any state, as vector fields proven to annihilate what is known of it; `null_space` may hold more."""
     generic: Verdict | None = None
     """The verdict at generic points nearby, where a point was asked for and the two differ."""
 
