@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import obsdesign as od
+from obsdesign.cli.progress import ProgressLines
 from obsdesign.progress import Progress, StageReport
 
 SYSTEM = od.System(od.Unicycle(), (od.GPS(1.0), od.Range((6.0, 9.0), 0.5)))
@@ -33,7 +34,7 @@ VERBS: dict[str, tuple[Callable[[Progress | None], Any], Callable[[Any], Any], t
     "design_trajectory": (
         lambda progress: od.design_trajectory(PROBLEM, 2, progress=progress),
         lambda design: design.trajectory.u,
-        ("what the sensors can see", "4 s: 2 local solves"),
+        ("what the sensors can see", "4 s: 2 local solves", "1 of 2 local solves done", "2 of 2 local solves done"),
     ),
     "select_sensors": (
         lambda progress: od.select_sensors(BLOCKS, progress=progress),
@@ -45,7 +46,7 @@ VERBS: dict[str, tuple[Callable[[Progress | None], Any], Callable[[Any], Any], t
             BLOCKS, od.EnergyBudget(12.0, {"sensor 0": 1.0, "sensor 1": 2.0, "sensor 2": 3.0}), points=3, progress=progress
         ),
         lambda front: np.stack([front.values, front.bounds]),
-        ("the best schedule without a limit", "the best schedule that spends", "the best schedule that spends"),
+        ("the best schedule without a limit", "0 of 3 limits done", "1 of 3 limits done"),
     ),
     "codesign": (
         lambda progress: od.codesign(PROBLEM, 4, starts=1, rounds=2, progress=progress),
@@ -60,7 +61,7 @@ VERBS: dict[str, tuple[Callable[[Progress | None], Any], Callable[[Any], Any], t
     "fly": (
         lambda progress: od.fly(PROBLEM, PRIOR, every=2.0, duration=4.0, iterations=2, progress=progress),
         lambda flight: flight.truth,
-        ("the flight with inputs in the middle", "plan 1, at 0 s", "plan 2, at 2 s"),
+        ("the flight with inputs in the middle", "0 of 2 plans made, the next at 0 s", "1 of 2 plans made, the next at 2 s"),
     ),
 }
 
@@ -99,6 +100,20 @@ def test_a_part_of_a_stage_is_told_with_an_indent_and_not_logged_twice(caplog: p
     assert told == ["a stage", "  a part"]
     assert [record.getMessage() for record in caplog.records] == ["a stage"]
     StageReport(logging.getLogger("obsdesign.test")).within("nobody asks")
+
+
+def test_what_is_counted_comes_as_it_is_done_with_the_time_that_is_left():
+    shown: list[str] = []
+    moments = iter((0.0, 3.0, 6.0, 9.0))
+    report = StageReport(logging.getLogger("obsdesign.test"), ProgressLines(shown.append, lambda: next(moments)))
+    report("a stage")
+    results = report.count("abc", 4, "parts done")
+    assert (next(results), len(shown)) == ("a", 2)
+    assert list(results) == ["b", "c"]
+    # what is left takes as long as what was done, 3 s each
+    assert shown[1:] == ["1 of 4 parts done (9 s left)", "2 of 4 parts done (6 s left)", "3 of 4 parts done (3 s left)"]
+    assert list(report.count("a", 1, "parts done")) == ["a"]
+    assert len(shown) == 4
 
 
 def test_the_library_installs_no_handler():

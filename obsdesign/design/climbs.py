@@ -56,13 +56,13 @@ def climb(
         best = _best_objective(coarse, target)
         coarse_target = best if len(families) == 1 else near_best(best)
         tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, target=coarse_target) for name, u in batch]
-        coarse += apply(solve_locally, tasks)
+        coarse += report.count(apply(solve_locally, tasks), len(starts), "local solves done", len(coarse))
     for solution in coarse:
         _LOGGER.debug("%s: %s, objective %g, %d iterations", solution.name, solution.status.value, solution.objective, solution.iterations)
     if len(families) == 1:
         return Climbs(tuple(coarse), tuple(coarse))
     report(f"{problem.duration:g} s: the best of them refined")
-    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, target))
+    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, target, report))
 
 
 def _best_objective(solutions: Sequence[LocalSolution], target: float) -> float:
@@ -75,7 +75,12 @@ def near_best(best: float) -> float:
 
 
 def _refine(
-    problem: DesignProblem, families: tuple[AbstractPath, ...], coarse: Sequence[LocalSolution], executor: Executor | None, target: float
+    problem: DesignProblem,
+    families: tuple[AbstractPath, ...],
+    coarse: Sequence[LocalSolution],
+    executor: Executor | None,
+    target: float,
+    report: StageReport,
 ) -> tuple[LocalSolution, ...]:
     """Climb on from the best of the coarse paths through the finer ones: first from the best, then from others that may beat it."""
     apply = map if executor is None else executor.map
@@ -84,9 +89,10 @@ def _refine(
     for batch in (selected[:1], selected[1:]):
         target = _best_objective(refined, target)
         tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in batch]
+        solutions = report.count(apply(solve_locally, tasks), len(selected), "refined", len(refined))
         refined += [
             replace(solution, iterations=solution.iterations + coarse_solution.iterations)
-            for solution, coarse_solution in zip(apply(solve_locally, tasks), batch, strict=True)
+            for solution, coarse_solution in zip(solutions, batch, strict=True)
         ]
     return tuple(refined)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import islice
@@ -18,12 +18,13 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.record import Design, Evidence
 from obsdesign.design.sqp.conic_qp import Cone, ConicQP, minimise
 from obsdesign.design.sqp.matrix_objective import LinearObjective
+from obsdesign.progress import StageReport
 
 _ROUNDS, _RANDOM_PATHS = 6, 40  # of a new Z; paths that are looked at without a climb
 _TOLERANCE = 1e-4  # remaining difference, relative, at which it stops
 
 
-def evidence_for(design: Design, starts: int, seed: int, executor: Executor | None) -> Design:
+def evidence_for(design: Design, starts: int, seed: int, executor: Executor | None, report: StageReport) -> Design:
     """Return the design with its evidence; a better path that is met on the way takes its place.
 
     For every Z >= 0 of trace 1, max over paths of <Z, S W S> is an upper bound on every lambda_min(S W S). It is climbed to from
@@ -41,7 +42,8 @@ def evidence_for(design: Design, starts: int, seed: int, executor: Executor | No
         Z = _mixture_dual(problem, [W for _, W in paths])
         duals.append(Z)
         promising = sorted(paths, key=lambda pair: -float(np.sum(Z * pair[1])))[:starts]  # used at once
-        solutions = _maximise_dual(problem, Z, [u for u, _ in promising], executor)
+        solved = _maximise_dual(problem, Z, [u for u, _ in promising], executor)
+        solutions = list(report.count(solved, starts * _ROUNDS, "climbs at most done", climbs))
         climbs += len(solutions)
         feasible = [solution for solution in solutions if solution.status.has_answer and is_feasible(problem, solution.path)]
         paths += [(solution.u, problem.matrix(solution.path)) for solution in feasible]
@@ -108,12 +110,12 @@ def _mixture_dual(problem: DesignProblem, columns: Sequence[np.ndarray]) -> np.n
     return Z / float(np.sum(Z * E))
 
 
-def _maximise_dual(problem: DesignProblem, Z: np.ndarray, inputs: Sequence[np.ndarray], executor: Executor | None) -> list[LocalSolution]:
+def _maximise_dual(
+    problem: DesignProblem, Z: np.ndarray, inputs: Sequence[np.ndarray], executor: Executor | None
+) -> Iterable[LocalSolution]:
     apply = map if executor is None else executor.map
     families = families_of(problem.path)
-    return list(
-        apply(solve_locally, [LocalSolve(problem, "dual", u, (families[0], problem.path), True, LinearObjective(Z)) for u in inputs])
-    )
+    return apply(solve_locally, [LocalSolve(problem, "dual", u, (families[0], problem.path), True, LinearObjective(Z)) for u in inputs])
 
 
 def _improve_from_best(design: Design, solutions: Sequence[LocalSolution]) -> Design:

@@ -84,7 +84,7 @@ def design_trajectory(
         design = _design(problem, starts, seed, gap, executor, report)
         if evidence and design.ended.has_answer:
             report(f"{evidence} local solves about how much better another path might be")
-            design = evidence_for(design, evidence, seed, executor)
+            design = evidence_for(design, evidence, seed, executor, report)
     design = replace(design, seconds=perf_counter() - start_time)
     if throw and not design.ended.has_answer:
         raise SolveError(

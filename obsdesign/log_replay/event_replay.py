@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from logging import getLogger
 
 import numpy as np
 
@@ -26,8 +27,11 @@ from obsdesign.logs.log import Log
 from obsdesign.logs.truth import errors_against
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
+from obsdesign.progress import Progress, StageReport
 from obsdesign.round_off import standard_deviations
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
+
+_LOGGER = getLogger(__name__)
 
 
 @validate_arguments
@@ -46,6 +50,7 @@ def replay(
     active: FilterSchedule | Sequence[str] | np.ndarray | None = None,
     estimator: AbstractEstimator | None = None,
     seed: int = 0,
+    progress: Progress | None = None,
 ) -> Replay:
     """Run a filter on a log and say what could have been known: bound, error, and by windows what was hidden and what mattered.
 
@@ -68,17 +73,21 @@ def replay(
         active: which samples count: a schedule, names of sensors, or (K,) bool for the log's samples in order of time; None = all.
         estimator: what runs, with a gate of its own; None = an ExtendedKalmanFilter with the gate.
         seed: of the draws.
+        progress: is called with what is being done, as it begins; None = nobody is told.
     Raises InputError for values outside these ranges, and as estimate_log.
     """
     _require_options(system, window, about, restarts, seed)
     chosen = estimator or ExtendedKalmanFilter(gate=None if gate is None else Gate(gate))
     used = log if active is None else active_log(log, active)
     question = ReplayQuestion(system, used, prior, disturbance_psd, input_psd, chosen, tuple(about))
+    report = StageReport(_LOGGER, progress)
+    report("the filter along the log")
     run = estimate_log(system, used, prior, disturbance_psd=disturbance_psd, input_psd=input_psd, estimator=chosen)
     driven = driven_path(question, run, along)
     J = driven.posterior(question, prior, 0, len(run.t) - 1)
     error = _errors(question, run)
-    windows = replay_windows(question, driven, run, error, J, window=window, restarts=restarts, seed=seed)
+    report("what the windows see")
+    windows = replay_windows(question, driven, run, error, J, window=window, restarts=restarts, seed=seed, report=report)
     return _assemble(question, driven, run, standard_deviations(J), error, windows)
 
 

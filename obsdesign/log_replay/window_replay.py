@@ -11,6 +11,7 @@ from obsdesign.log_replay.question import ReplayQuestion
 from obsdesign.log_replay.replay_result import ReplayWindow
 from obsdesign.log_replay.restarts import RestartedFilters
 from obsdesign.log_replay.window_models import window_models
+from obsdesign.progress import StageReport
 from obsdesign.round_off import visibility_of_sum
 
 Sizes = tuple[float, float, float]  # error, prediction, and what the filter itself expects
@@ -26,6 +27,7 @@ def replay_windows(
     window: float,
     restarts: int,
     seed: int,
+    report: StageReport,
 ) -> tuple[ReplayWindow, ...]:
     """Return the windows of `window` seconds; J (N+1, n, n) along the whole path, error (N+1, n)."""
     bounds = window_bounds(driven.path.t, window)
@@ -37,6 +39,8 @@ def replay_windows(
     hidden = hidden_in_windows(question.system, gramians, counts, driven.path.x[bounds[:-1]], question.prior.std)
     windows = []
     for k, (first, last) in enumerate(zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)):
+        if filters is not None:
+            report(f"{k} of {len(bounds) - 1} windows done, the next with filters begun anew")
         sizes = _sizes(question, run, error, J, first, last) if filters is None else _restarted_sizes(filters, counts[k], first, last)
         plain = float(np.sqrt((visibility_of_sum(gramians[k]).std[question.places] ** 2).sum()))
         t = float(driven.path.t[first]), float(driven.path.t[last])

@@ -168,7 +168,8 @@ def fly(
     report("the flight with inputs in the middle of their ranges")
     mid_range = problem.grid.centre
     straight = _simulate_flight(simulation, lambda *_: mid_range)
-    flight = _simulate_flight(simulation, _planning_policy(planner, round(every / problem.step), deadline, plans, report))
+    period = round(every / problem.step)
+    flight = _simulate_flight(simulation, _planning_policy(planner, period, deadline, plans, -(-steps // period), report))
     return replace(
         flight,
         statuses=tuple(plan.status for plan in plans),
@@ -195,11 +196,11 @@ def _draw_realisation(
     return _Realisation(random_start if start is None else start, noise, drawn, sample_noise, is_sampled)
 
 
-def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan], report: StageReport) -> _Policy:
+def _planning_policy(planner: Planner, every: int, deadline: float | None, plans: list[Plan], total: int, report: StageReport) -> _Policy:
     def inputs(k: int, belief: Belief, predicted: np.ndarray) -> np.ndarray:
         """Return the inputs of step k of the plan in force."""
         if k % every == 0:
-            report(f"plan {len(plans) + 1}, at {k * planner.problem.step:g} s")
+            report(f"{len(plans)} of {total} plans made, the next at {k * planner.problem.step:g} s")
             information = np.linalg.inv(predicted)
             plans.append(planner.step(belief.mean[0], plans[-1] if plans else None, (information + information.T) / 2, deadline))
         return plans[-1].trajectory.u[min(k % every, plans[-1].trajectory.steps - 1)]

@@ -128,7 +128,7 @@ def pareto(
     largest_spending = float(unlimited.usage(solve_selection(unlimited, tuple(rules), options, throw=True).chosen)[0])
     front_points: list[_FrontPoint] = []
     for limit in largest_spending * np.arange(points, 0, -1) / points:
-        report(f"the best schedule that spends at most {limit:.6g}")
+        report(f"{len(front_points)} of {points} limits done, the next {limit:.6g}")
         point = _solve_at_limit(with_limit, float(limit), options, front_points)
         if point is None:
             break  # and less is too little, too

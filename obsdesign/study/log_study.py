@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from logging import getLogger
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from obsdesign.log_replay.event_path import Along
 from obsdesign.log_replay.event_replay import replay, rmse_with
 from obsdesign.log_replay.log_schedule import scheduled_log
 from obsdesign.log_replay.replay_result import Replay
+from obsdesign.progress import Progress, StageReport
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.study.log_doubts import calibration_doubts
 from obsdesign.study.log_setup import LogSetup
 
+_LOGGER = getLogger(__name__)
 _RANDOM_SCHEDULES, _FEW = 12, 4  # of a long log few: a filter runs with each
 _MOST_RESTARTED_STEPS = 3_000_000  # filters times events: half a minute
 _LONG = 60_000  # events of a log beyond which the proof of a schedule is looked for a limited time
@@ -53,13 +56,15 @@ class LogStudy:
 
 
 @one_thread()
-def study_log(setup: LogSetup, seed: int) -> LogStudy:
-    """Return what a log says. Raises InputError as calibrate and replay."""
-    calibration = _calibration(setup)
+def study_log(setup: LogSetup, seed: int, progress: Progress | None = None) -> LogStudy:
+    """Return what a log says; progress: is told what is being done. Raises InputError as calibrate and replay."""
+    report = StageReport(_LOGGER, progress)
+    calibration = _calibration(setup, report)
     restarts, notes = _restarts(setup)
-    drive = _replay(setup, calibration, seed, restarts)
+    drive = _replay(setup, calibration, seed, restarts, report)
+    report("a schedule of the samples")
     schedule = log_schedule(setup, drive, seed)
-    errors = () if schedule is None else _schedule_errors(drive, schedule, setup.per_segment, seed)
+    errors = () if schedule is None else _schedule_errors(drive, schedule, setup.per_segment, seed, report)
     return LogStudy(
         setup,
         calibration,
@@ -71,14 +76,16 @@ def study_log(setup: LogSetup, seed: int) -> LogStudy:
 
 
 @one_thread()
-def schedule_study(setup: LogSetup, seed: int) -> LogStudy:
+def schedule_study(setup: LogSetup, seed: int, progress: Progress | None = None) -> LogStudy:
     """Return the schedule of a log, and the one run that it was chosen by; no filters begin anew."""
-    calibration = _calibration(setup)
-    drive = _replay(setup, calibration, seed, 0)
+    report = StageReport(_LOGGER, progress)
+    calibration = _calibration(setup, report)
+    drive = _replay(setup, calibration, seed, 0, report)
+    report("a schedule of the samples")
     schedule = log_schedule(setup, drive, seed)
     if schedule is None:
         raise InputError(f"{setup.file}: nothing to choose: a log of a segment or more is needed, and more sensors than may be on")
-    errors = _schedule_errors(drive, schedule, setup.per_segment, seed)
+    errors = _schedule_errors(drive, schedule, setup.per_segment, seed, report)
     return LogStudy(setup, calibration, drive, schedule, errors, (*drive.notes, *setup.notes, *_of_calibration(setup, calibration)))
 
 
@@ -99,8 +106,10 @@ def log_schedule(setup: LogSetup, drive: Replay, seed: int) -> FilterSchedule | 
     return drive.schedule(setup.per_segment, setup.segment, seed=seed, time_limit=limit, gap=1e-2)
 
 
-def _calibration(setup: LogSetup) -> Calibration | None:
+def _calibration(setup: LogSetup, report: StageReport) -> Calibration | None:
     share = setup.settings.calibrate
+    if share:
+        report(f"calibration on {share:.0%} of the log")
     return calibrate(setup.system, setup.log.first(share), setup.prior) if share else None
 
 
@@ -109,7 +118,7 @@ def _of_calibration(setup: LogSetup, calibration: Calibration | None) -> tuple[s
     return () if calibration is None else (*calibration_doubts(setup.system, setup.prior, calibration), *calibration.notes)
 
 
-def _replay(setup: LogSetup, calibration: Calibration | None, seed: int, restarts: int) -> Replay:
+def _replay(setup: LogSetup, calibration: Calibration | None, seed: int, restarts: int, report: StageReport) -> Replay:
     settings, truth = setup.settings, setup.log.truth
     has_truth = truth is not None and set(settings.about) <= set(truth.names)
     along: Along = settings.along or ("truth" if has_truth else "estimate")
@@ -125,10 +134,13 @@ def _replay(setup: LogSetup, calibration: Calibration | None, seed: int, restart
         along=along,
         restarts=restarts if has_truth else 0,
         seed=seed,
+        progress=report.within,
     )
 
 
-def _schedule_errors(drive: Replay, schedule: FilterSchedule, per_segment: int, seed: int) -> tuple[ScheduleError, ...]:
+def _schedule_errors(
+    drive: Replay, schedule: FilterSchedule, per_segment: int, seed: int, report: StageReport
+) -> tuple[ScheduleError, ...]:
     """Return what the filter errs by with all sensors, the chosen schedule, round robin and random ones, where truth tells."""
     if np.isnan(drive.rmse):
         return ()
@@ -138,7 +150,7 @@ def _schedule_errors(drive: Replay, schedule: FilterSchedule, per_segment: int, 
     np.put_along_axis(robin, turns, True, axis=1)
     random, count = np.random.default_rng(seed), _FEW if len(drive.t) > _LONG else _RANDOM_SCHEDULES
     draws = [np.argsort(random.random((segments, sensors)), axis=1) < per_segment for _ in range(count)]
-    of_random = [_error_with(drive, schedule, draw) for draw in draws]
+    of_random = list(report.count((_error_with(drive, schedule, draw) for draw in draws), count, "filters with random schedules done"))
     return (
         ScheduleError("all on", drive.rmse),
         ScheduleError("chosen", _error_with(drive, schedule, schedule.chosen)),

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from obsdesign.cli.folders import require_writable
+from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import LANDMARKS, QUIET, Argument, Outcome, Verb, out_argument, whole_number_type
 from obsdesign.errors import ExitCode
 
@@ -25,7 +26,8 @@ def replay_log(options: Namespace) -> Outcome:
     from obsdesign.report.replay_terminal import replay_summary
     from obsdesign.study.log_study import study_log
 
-    study = study_log(setup, options.seed)
+    with progress_teller(options.quiet) as progress:
+        study = study_log(setup, options.seed, progress)
     document = document_of_log(study)
     written = ()
     if folder is not None:

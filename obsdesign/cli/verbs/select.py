@@ -6,6 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from obsdesign.cli.folders import path_file, require_writable
+from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import LANDMARKS, QUIET, SEED, Argument, Outcome, Verb, out_argument
 from obsdesign.cli.verbs.replay import TOPICS, log_setup
 from obsdesign.errors import ExitCode, InputError
@@ -37,7 +38,8 @@ def _select_of_log(options: Namespace) -> Outcome:
 
     if options.out is not None:
         require_writable(options.out)
-    study = schedule_study(setup, options.seed or 0)
+    with progress_teller(options.quiet) as progress:
+        study = schedule_study(setup, options.seed or 0, progress)
     part = schedule_part(study)
     if options.out is not None:
         write_log_schedule(options.out, study, part)
