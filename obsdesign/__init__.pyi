@@ -127,6 +127,7 @@ from .rules.unavailable_between import UnavailableBetween as UnavailableBetween
 from .rules.unavailable_outside import UnavailableOutside as UnavailableOutside
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.schema import Scenario as Scenario
+from .scenario.typed_system import system_from_text as system_from_text
 from .selection.pareto import Pareto as Pareto
 from .selection.pareto import pareto as pareto
 from .selection.posterior.cheapest_selection import cheapest_schedule as cheapest_schedule

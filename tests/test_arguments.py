@@ -90,6 +90,7 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "fly": {"problem": DESIGN_PROBLEM, "prior": PRIOR, "every": 2.0, "duration": 2.0},
     "export": {"result": "nowhere", "to": "kml"},
     "load_scenario": {"file": SCENARIO},
+    "system_from_text": {"table": {"states": ["x"], "rates": {"x": "-x"}, "outputs": {"y": "x"}}},
     "read_log": {"file": "no_such.csv", "system": SYSTEM},
     "read_recording": {"file": "no_such.csv"},
     "load_study": {"file": "nowhere"},

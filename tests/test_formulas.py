@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.dynamics.text_system import TextLandmark, TextOutput, TextParameter, TextQuantity, TextSystem
+from obsdesign.dynamics.system_text import SystemText, TextLandmark, TextOutput, TextParameter, TextQuantity
+from obsdesign.dynamics.text_system import TextSystem
 from obsdesign.formulas.casadi_value import _EXPRESSIONS, casadi_value, value_of
 from obsdesign.formulas.constants import dependence_order, entry_problems, problems_of_constants
 from obsdesign.formulas.exact_values import rational_value
@@ -233,7 +234,8 @@ def test_units_of_ones_own():
     assert read_unit("knot", own).agrees(read_unit("kn"))
     assert not read_unit("cell/s", own).agrees(read_unit("1/s"))
     assert read_unit("dozen", own).log_size == pytest.approx(math.log(12))
-    for text in ("furlong", "m+s", "2*m", "m^x", "m^50", "0 m", ""):
+    assert read_unit("yard").agrees(define_unit("step", "0.9144 m", {}))  # of pint
+    for text in ("degC", "sone", "m+s", "2*m", "m^x", "m^50", "0 m", ""):
         with pytest.raises(FormulaError):
             define_unit("new", text, own) if text.startswith("0") else read_unit(text, own)
 
@@ -351,7 +353,7 @@ def glider(**changes: object) -> TextSystem:
         ),
         "angles": ("heading", "bearing"),
     }
-    return TextSystem(**{**record, **changes})  # pyright: ignore[reportArgumentType]
+    return TextSystem(SystemText(**{**record, **changes}))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_system_of_text_is_the_ready_made_one():

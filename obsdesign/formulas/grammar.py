@@ -15,6 +15,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 from obsdesign.formulas.functions import ALIASES, FUNCTIONS
 from obsdesign.formulas.tree import AbstractTree, Call, FormulaError, FormulaProblem, Name, Number, Power, Product, Sum
@@ -42,6 +43,7 @@ class _Token:
     column: int
 
 
+@lru_cache(2**12)
 def parse_formula(text: str) -> AbstractTree:
     """Return the formula that a text is. Raises FormulaError, which says at which character it is none, and why."""
     if len(text) > LONGEST:

@@ -14,19 +14,10 @@ from fractions import Fraction
 
 from obsdesign.formulas.exact_values import rational_value
 from obsdesign.formulas.grammar import parse_formula
+from obsdesign.formulas.named_units import PREFIXES, UNITS, WITH_PREFIX, Dimension, NamedUnit, pint_unit
 from obsdesign.formulas.tree import AbstractTree, FormulaError, FormulaProblem, Name, Number, Power, Product
 
-Dimension = tuple[tuple[str, Fraction], ...]
 _TOLERANCE = 1e-9  # of the logarithm of a size
-
-
-@dataclass(frozen=True)
-class NamedUnit:
-    """A unit with a name of its own: its size in SI base units as a logarithm, and its dimension."""
-
-    name: str
-    log_size: float
-    dimension: Dimension
 
 
 @dataclass(frozen=True)
@@ -108,18 +99,6 @@ def define_unit(name: str, text: str, user_units: Mapping[str, Unit]) -> Unit:
     return Unit(((NamedUnit(name, math.log(size or 1.0) + unit.log_size, unit.dimension), Fraction(1)),))
 
 
-def quantity_of(text: str, user_units: Mapping[str, Unit]) -> tuple[float, str]:
-    """Return (number, unit as text) of a text such as "15.5 m/s". Raises FormulaError."""
-    number, _, rest = text.strip().partition(" ")
-    try:
-        value = float(number)
-    except ValueError:
-        raise FormulaError(FormulaProblem(1, 'must be a number and its unit, such as "15.5 m/s"')) from None
-    if rest.strip():
-        read_unit(rest, user_units)
-    return value, rest.strip()
-
-
 def _size_of(word: str) -> float | None:
     try:
         size = float(word)
@@ -155,18 +134,22 @@ _LARGEST_EXPONENT = 20
 
 
 def _named_unit(name: Name, user_units: Mapping[str, Unit]) -> Unit:
+    """The unit of a name: of the table, with a prefix, or of pint, which takes half a second to load and knows a thousand."""
     symbol = name.name.replace("µ", "u").replace("μ", "u")
-    if symbol in _UNITS:
-        return Unit(((_UNITS[symbol], Fraction(1)),))
+    if symbol in UNITS:
+        return Unit(((UNITS[symbol], Fraction(1)),))
     for length in (1, 2):
         prefix, rest = symbol[:length], symbol[length:]
-        if prefix in _PREFIXES and rest in _WITH_PREFIX:
-            base = _UNITS[rest]
-            return Unit(((NamedUnit(symbol, base.log_size + _PREFIXES[prefix] * math.log(10), base.dimension), Fraction(1)),))
-    accepted = (*user_units, *_UNITS)
+        if prefix in PREFIXES and rest in WITH_PREFIX:
+            base = UNITS[rest]
+            return Unit(((NamedUnit(symbol, base.log_size + PREFIXES[prefix] * math.log(10), base.dimension), Fraction(1)),))
+    unit = pint_unit(name.name)
+    if unit is not None:
+        return Unit(((unit, Fraction(1)),))
+    accepted = (*user_units, *UNITS)
     near = difflib.get_close_matches(name.name, accepted, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    listed = f"accepted: {', '.join(accepted)}; with SI prefixes"
+    listed = f"accepted: {', '.join(accepted)}, with SI prefixes, and those of pint"
     message = f'there is no unit {name.name!r}{hint} ({listed}; one of your own stands in units = {{ {name.name} = "" }})'
     raise FormulaError(FormulaProblem(name.column, message, accepted, near[0] if near else None))
 
@@ -177,37 +160,5 @@ def _power_text(name: str, exponent: Fraction) -> str:
     return f"{name}^{exponent}" if exponent.denominator == 1 else f"{name}^({exponent})"
 
 
-_PREFIXES = {
-    "Q": 30, "R": 27, "Y": 24, "Z": 21, "E": 18, "P": 15, "T": 12, "G": 9, "M": 6, "k": 3, "h": 2, "da": 1,
-    "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12, "f": -15, "a": -18, "z": -21, "y": -24, "r": -27, "q": -30,
-}  # fmt: skip
-_BASES = ("m", "kg", "s", "A", "K", "mol", "cd")
-# with prefixes: name -> size and base units
-_SI: dict[str, tuple[float, str]] = {
-    "g": (1e-3, "kg"), "Hz": (1, "s^-1"), "N": (1, "kg m s^-2"), "Pa": (1, "kg m^-1 s^-2"), "J": (1, "kg m^2 s^-2"),
-    "W": (1, "kg m^2 s^-3"), "C": (1, "A s"), "V": (1, "kg m^2 s^-3 A^-1"), "F": (1, "kg^-1 m^-2 s^4 A^2"),
-    "Ohm": (1, "kg m^2 s^-3 A^-2"), "S": (1, "kg^-1 m^-2 s^3 A^2"), "Wb": (1, "kg m^2 s^-2 A^-1"), "T": (1, "kg s^-2 A^-1"),
-    "H": (1, "kg m^2 s^-2 A^-2"), "L": (1e-3, "m^3"), "l": (1e-3, "m^3"), "M": (1e3, "mol m^-3"), "bar": (1e5, "kg m^-1 s^-2"),
-    "eV": (1.602176634e-19, "kg m^2 s^-2"), "rad": (1, ""), "cal": (4.184, "kg m^2 s^-2"), "t": (1e3, "kg"),
-}  # fmt: skip
-# without
-_MORE: dict[str, tuple[float, str]] = {
-    "deg": (math.pi / 180, ""), "rev": (2 * math.pi, ""), "rpm": (2 * math.pi / 60, "s^-1"), "percent": (1e-2, ""),
-    "min": (60, "s"), "h": (3600, "s"), "day": (86400, "s"), "week": (604800, "s"), "year": (31557600, "s"),
-    "inch": (0.0254, "m"), "ft": (0.3048, "m"), "yd": (0.9144, "m"), "mi": (1609.344, "m"), "nmi": (1852, "m"),
-    "kn": (1852 / 3600, "m s^-1"), "mph": (1609.344 / 3600, "m s^-1"), "gn": (9.80665, "m s^-2"),
-    "lb": (0.45359237, "kg"), "lbf": (4.4482216152605, "kg m s^-2"), "psi": (6894.757293168, "kg m^-1 s^-2"),
-    "atm": (101325, "kg m^-1 s^-2"), "mmHg": (133.322387415, "kg m^-1 s^-2"), "ha": (1e4, "m^2"),
-}  # fmt: skip
-
-
-def _dimension(text: str) -> Dimension:
-    pairs = (word.partition("^") for word in text.split())
-    return tuple(sorted((base, Fraction(exponent or 1)) for base, _, exponent in pairs))
-
-
-_UNITS = {base: NamedUnit(base, 0.0, _dimension(base)) for base in _BASES}
-_UNITS |= {name: NamedUnit(name, math.log(size), _dimension(text)) for name, (size, text) in {**_SI, **_MORE}.items()}
-_WITH_PREFIX = frozenset({"m", "s", "A", "K", "mol", "cd", *_SI})
-RADIAN = Unit(((_UNITS["rad"], Fraction(1)),))
+RADIAN = Unit(((UNITS["rad"], Fraction(1)),))
 """The unit of an angle, which is a number."""

@@ -37,6 +37,9 @@ def find_contradictions(scenario: Scenario, has_path: bool = False, has_verdicts
     if excess := list(_size_problems(scenario)):
         yield from excess  # nothing else could be looked at in finite time
         return
+    if missing := list(_system_problems(scenario)):
+        yield from missing  # nothing else could be told from its names
+        return
     try:
         _ = scenario.states
     except InputError as error:  # groups, scales and biases of sensors that do not fit together
@@ -65,6 +68,25 @@ def find_contradictions(scenario: Scenario, has_path: bool = False, has_verdicts
     yield from find_constraint_problems(scenario)
 
 
+def _system_problems(scenario: Scenario) -> Iterator[Problem]:
+    """What is wrong with the system, or with where it comes from."""
+    table = scenario.system_table
+    if table is None:
+        if scenario.vehicle is None:
+            yield Problem(("vehicle",), "missing key")
+        if not scenario.sensors:
+            yield Problem(
+                ("sensors",), "missing key" if "sensors" not in scenario.model_fields_set else "is empty: must be one sensor at least"
+            )
+        return
+    for key in ("vehicle", "sensors"):
+        if key in scenario.model_fields_set:
+            yield Problem((key,), "does not go with [system]: a system is given by a vehicle and sensors, or as text")
+    from obsdesign.scenario.system_problems import find_system_problems  # formulas are loaded where there are some
+
+    yield from find_system_problems(table)
+
+
 def _size_problems(scenario: Scenario) -> Iterator[Problem]:
     time = scenario.time
     for what, length in (("step", time.step), ("segment", time.segment)):
@@ -74,7 +96,7 @@ def _size_problems(scenario: Scenario) -> Iterator[Problem]:
 
 
 def _name_problems(scenario: Scenario, has_verdicts_alone: bool) -> Iterator[Problem]:
-    states, inputs = scenario.state_names, [signal.name for signal in scenario.vehicle.inputs]
+    states, inputs = scenario.state_names, [signal.name for signal in scenario.inputs]
     tables: list[tuple[Location, Sequence[str], Sequence[str], bool]] = [
         (("start",), tuple(scenario.start), states, bool(scenario.start) or not has_verdicts_alone),
         (("prior",), tuple(scenario.prior), states, not has_verdicts_alone),

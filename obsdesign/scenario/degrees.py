@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _SPREADS = ("sigma", "bias_floor", "sigma_per_metre")  # in the unit of what a sensor measures
 _NOT_IN_SENSOR_UNIT = ("rate", "inflation", "correlation", "detection", "max_range", "beacon", "height", "lever_arm")  # of a sensor
+_SYSTEM, _OUTPUTS = "system", "outputs"
 _NO_ANGLES = ("vehicle", "time", "path", "prices", "budgets", "floor", "robust", "flight", "validation", "selection")
 
 
@@ -23,6 +24,15 @@ def in_radians(value: Any) -> Any:  # noqa: ANN401  # whatever TOML can hold
     if isinstance(value, Mapping):
         return {_without(key, item): _convert(key, item) for key, item in value.items()}
     return [in_radians(item) for item in value] if isinstance(value, list) else value
+
+
+def scenario_in_radians(data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the TOML data of a scenario in radians; of a system as text its outputs alone, as other keys are names."""
+    table = data.get(_SYSTEM)
+    if not isinstance(table, Mapping):
+        return in_radians(data)
+    rest = in_radians({key: item for key, item in data.items() if key != _SYSTEM})
+    return {**rest, _SYSTEM: {key: in_radians(item) if key == _OUTPUTS else item for key, item in table.items()}}
 
 
 def non_angles(data: Mapping[str, Any], scenario: Scenario) -> Iterator[tuple[str | int, ...]]:
@@ -35,6 +45,8 @@ def non_angles(data: Mapping[str, Any], scenario: Scenario) -> Iterator[tuple[st
 def _in_degrees(value: Any, location: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:  # noqa: ANN401
     parts = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
     for key, item in parts:
+        if location == (_SYSTEM,) and key != _OUTPUTS:
+            continue  # names, which are called as somebody likes
         if isinstance(key, str) and key.endswith(SUFFIX) and _is_angle(item):
             yield (*location, key)
         else:
@@ -46,6 +58,8 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     unit = next((signal.unit for signal in signals if signal.name == name), "rad")
     if location[0] == "place":
         return name == "bearing"
+    if location[0] == _SYSTEM:
+        return name in _SPREADS and _is_angular_output(scenario, str(location[2]))
     if location[0] == "sensors":
         measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
         return name not in _NOT_IN_SENSOR_UNIT and (measures_angles or name not in _SPREADS)
@@ -55,11 +69,23 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     return unit.startswith("rad") and not set(_NO_ANGLES) & set(location[:-1])
 
 
+def _is_angular_output(scenario: Scenario, name: str) -> bool:
+    """Whether an output of a system as text is in radians, or in no unit that can be told."""
+    text = scenario.system_text
+    output = next((output for output in text.outputs if output.name == name), None) if text is not None else None
+    if text is None or output is None:
+        return False
+    try:
+        return all(text.unit_of(output, formula) in ("rad", "") for formula in output.formulas)
+    except (InputError, KeyError):  # formulas and names that are wrong, which is said elsewhere
+        return True
+
+
 def _signals(scenario: Scenario) -> tuple[Signal, ...]:
     try:
-        return (*scenario.states, *scenario.vehicle.inputs)
+        return (*scenario.states, *scenario.inputs)
     except InputError:  # sensors that do not fit together, which is said elsewhere
-        return (*scenario.vehicle.states, *scenario.vehicle.inputs)
+        return (*scenario.moving_states, *scenario.inputs)
 
 
 def _is_angle(item: Any) -> bool:  # noqa: ANN401

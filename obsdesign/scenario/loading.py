@@ -6,7 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,7 +16,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.errors import ScenarioError
 from obsdesign.scenario.analysis_defaults import with_analysis_defaults
 from obsdesign.scenario.contradictions import find_contradictions
-from obsdesign.scenario.degrees import SUFFIX, in_radians, non_angles
+from obsdesign.scenario.degrees import SUFFIX, non_angles, scenario_in_radians
 from obsdesign.scenario.key_lines import line_of
 from obsdesign.scenario.kind_tables import COST, leaf_of
 from obsdesign.scenario.log_defaults import Landmarks, with_log_defaults
@@ -154,14 +154,15 @@ def _validate(
         return None, oversized
     try:
         # strict JSON mode: arrays become tuples, nothing else is converted
-        text = json.dumps({**in_radians(data), **_as_written(data), **internal}, default=str)
+        text = json.dumps({**scenario_in_radians(data), **_as_written(data), **internal}, default=str)
         scenario = Scenario.model_validate_json(text)
     except ValidationError as error:
         told = [detail for detail in error.errors() if not (of_another_type(detail, data) or of_a_part(detail, data))]
         return None, [describe_error(detail, data, _keys_at) for detail in told]
     wrong = [Problem(location, _no_angle_message(location)) for location in non_angles({**data, "sweep": {}}, scenario)]
     contradictions = [
-        Problem(in_file(problem.location, data), problem.message) for problem in find_contradictions(scenario, has_path, has_verdicts_alone)
+        replace(problem, location=in_file(problem.location, data))
+        for problem in find_contradictions(scenario, has_path, has_verdicts_alone)
     ]
     return scenario, wrong + contradictions
 
@@ -185,16 +186,21 @@ def _keys_at(location: Location) -> Sequence[str]:
     for part in location:
         if (named := leaf_of(part)) is not None:
             table = named
-        elif not isinstance(part, int) and isinstance(table, type) and issubclass(table, BaseModel):
+        elif not isinstance(part, int) and isinstance(table, type) and issubclass(table, BaseModel) and part in _fields_of(table):
             beside = [key for key in table.model_fields if key != COST] if part == COST else []
-            table = _table_in(table.model_fields[part].annotation)
+            table = _table_in(_fields_of(table)[part])
     if is_dataclass(table):
         return ("kind", *(field.name for field in fields(table)), *beside)
     return (
-        [key for key in table.model_fields if key not in _INTERNAL_FIELDS]
+        [key for key in _fields_of(table) if key not in _INTERNAL_FIELDS]
         if isinstance(table, type) and issubclass(table, BaseModel)
         else ()
     )
+
+
+def _fields_of(table: type[BaseModel]) -> dict[str, Any]:
+    """Key of the file -> annotation."""
+    return {field.alias or name: field.annotation for name, field in table.model_fields.items()}
 
 
 def _table_in(annotation: Any) -> Any:  # noqa: ANN401

@@ -65,8 +65,8 @@ def find_codesign_problems(scenario: Scenario) -> Iterator[Problem]:
     unsupported = {"about": design.about and not is_for_filter, "floor": design.floor, "robust": design.robust, "shortest": design.shortest}
     for key in (key for key, value in unsupported.items() if value):
         yield Problem(("design", key), "does not go with [codesign]: a selection of sensors does not know of it")
-    if is_for_filter and not scenario.has_filter_schedule and selection.per_segment <= len(scenario.sensors):
-        sensors, allowed = len(scenario.sensors), selection.per_segment
+    if is_for_filter and not scenario.has_filter_schedule and selection.per_segment <= len(scenario.sensor_names):
+        sensors, allowed = len(scenario.sensor_names), selection.per_segment
         yield Problem(
             ("codesign", "question"), f"is filter: with {allowed} of {sensors} sensors on at a time there are too many sets of them"
         )
@@ -81,7 +81,7 @@ def find_position_problems(scenario: Scenario) -> Iterator[Problem]:
     if not {"x", "y"} <= scenario.start.keys():
         return
     x, y = scenario.start["x"], scenario.start["y"]
-    landmarks = [point for sensor in scenario.sensors for point in sensor.landmarks]
+    landmarks = scenario.landmarks
     for i, sensor in enumerate(scenario.sensors):
         if (x, y) in sensor.landmarks:
             key = next(field.name for field in fields(sensor) if getattr(sensor, field.name) == (x, y))

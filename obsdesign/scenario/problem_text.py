@@ -97,6 +97,8 @@ def in_file(location: Location, data: Any) -> Location:  # noqa: ANN401
     """Return the location as it stands in the file: without the tags of unions and tables made here, with _deg where that was written."""
     file_location: list[str | int] = []
     for index, part in enumerate(location):
+        if isinstance(data, (str, int, float)) or (isinstance(data, list) and isinstance(part, str)):
+            break  # a value that stands for a table of one
         if _is_type(part) and not (isinstance(data, Mapping) and part in data):
             continue
         if isinstance(data, Mapping) and (part == data.get("kind") or (part == COST and COST not in data)):

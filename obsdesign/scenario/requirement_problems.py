@@ -36,7 +36,7 @@ def find_requirement_problems(scenario: Scenario, has_path: bool) -> Iterator[Pr
 
 
 def _problems_of_one(scenario: Scenario, location: Location, table: RequirementTable) -> Iterator[Problem]:
-    states = {signal.name: signal.unit for signal in scenario.vehicle.states}
+    states = {signal.name: signal.unit for signal in scenario.moving_states}
     unknown = [name for name in table.about if name not in states]
     yield from (unknown_name((*location, "about"), name, tuple(states)) for name in unknown)
     yield from (Problem((*location, "about"), f"names {name!r} twice") for i, name in enumerate(table.about) if name in table.about[:i])
@@ -58,6 +58,6 @@ def _problems_of_all(scenario: Scenario) -> Iterator[Problem]:
     if settings.robust_to:
         message = f"is {settings.robust_to}: must be 0 with [[selection.requirements]], which no proof is known for where sensors are lost"
         yield Problem(("selection", "robust_to"), message)
-    if not scenario.has_filter_schedule and settings.per_segment <= len(scenario.sensors):
-        sensors, allowed = len(scenario.sensors), settings.per_segment
+    if not scenario.has_filter_schedule and settings.per_segment <= len(scenario.sensor_names):
+        sensors, allowed = len(scenario.sensor_names), settings.per_segment
         yield Problem(("selection", "requirements"), f"with {allowed} of {sensors} sensors on at a time there are too many sets of them")

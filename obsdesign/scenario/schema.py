@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import comb
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,6 +17,7 @@ from obsdesign.scenario.design_tables import CodesignTable, DesignTable
 from obsdesign.scenario.kind_tables import family_of, in_degrees_too
 from obsdesign.scenario.log_schema import require_unless_replayed
 from obsdesign.scenario.selection_tables import Question, SelectionTable
+from obsdesign.scenario.system_tables import SystemTable
 from obsdesign.scenario.tables import (
     Baseline,
     Expected,
@@ -36,10 +38,12 @@ from obsdesign.sensors._group import distinct_names
 if TYPE_CHECKING:
     from obsdesign.criteria.abstract import AbstractCriterion
     from obsdesign.dynamics.system import System
+    from obsdesign.dynamics.system_text import SystemText
+    from obsdesign.dynamics.text_system import TextSystem
     from obsdesign.noise_density import PerSpeed
     from obsdesign.prior import Prior
     from obsdesign.rules.abstract import AbstractRule
-    from obsdesign.signals import Signal
+    from obsdesign.signals import Point, Signal
 
 _FILTER_GAP = 1e-3  # to which a schedule for the filter is proven, unless the file says otherwise
 _MAX_SETS = 1000  # sets of sensors that a schedule for the filter chooses from
@@ -57,10 +61,15 @@ class Scenario(ScenarioTable):
     """What it is to answer, in words."""
     seed: int = Field(default=0, ge=0)
     """Seed of everything that is drawn."""
-    vehicle: family_of(obsdesign.vehicles)  # pyright: ignore[reportInvalidTypeForm]
-    """What moves, by its kind and values."""
-    sensors: tuple[family_of(obsdesign.sensors), ...] = Field(min_length=1)  # pyright: ignore[reportInvalidTypeForm]
-    """What measures, each by its kind and values."""
+    system_table: SystemTable | None = Field(
+        default=None, alias="system", description="a system as text, states, rates and outputs as formulas; in place of vehicle and sensors"
+    )
+    vehicle: family_of(obsdesign.vehicles) | None = Field(  # pyright: ignore[reportInvalidTypeForm]
+        default=None, description="what moves, by its kind and values"
+    )
+    sensors: tuple[family_of(obsdesign.sensors), ...] = Field(  # pyright: ignore[reportInvalidTypeForm]
+        default=(), description="what measures, each by its kind and values", json_schema_extra={"minItems": 1}
+    )
     start: dict[str, float]
     """Initial value of each state, in its unit."""
     prior: dict[str, float] = Field(description="standard deviation of each state before the first measurement")
@@ -99,11 +108,20 @@ class Scenario(ScenarioTable):
     source: str = Field(default="", exclude=True, description="text of the file; set by load_scenario")
 
     @property
-    def system(self) -> System:
-        """The vehicle with all its sensors."""
+    def system(self) -> System | TextSystem:
+        """The vehicle with all its sensors, or the system that is given as text."""
+        if self.system_text is not None:
+            from obsdesign.dynamics.text_system import TextSystem
+
+            return TextSystem(self.system_text)
         from obsdesign.dynamics.system import System
 
-        return System(self.vehicle, self.sensors)
+        return System(self.vehicle, self.sensors)  # pyright: ignore[reportArgumentType]  # there is a vehicle where there is no text
+
+    @cached_property
+    def system_text(self) -> SystemText | None:
+        """The system as text; None where there are a vehicle and sensors."""
+        return None if self.system_table is None else self.system_table.system_text
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -113,12 +131,43 @@ class Scenario(ScenarioTable):
     @property
     def states(self) -> tuple[Signal, ...]:
         """The n states: those of the vehicle, then scales and biases of sensors."""
+        if self.vehicle is None:
+            return self.moving_states
         return system_states(self.vehicle.states, (*self.vehicle.inputs, *self.vehicle.disturbances), self.sensors)
+
+    @property
+    def moving_states(self) -> tuple[Signal, ...]:
+        """The states without scales and biases of sensors."""
+        return self._signals_of("states") if self.system_text is None else self.system_text.state_signals
+
+    @property
+    def inputs(self) -> tuple[Signal, ...]:
+        """The known inputs."""
+        return self._signals_of("inputs") if self.system_text is None else self.system_text.input_signals
+
+    def _signals_of(self, what: Literal["states", "inputs"]) -> tuple[Signal, ...]:
+        """Those of the vehicle."""
+        return () if self.vehicle is None else getattr(self.vehicle, what)
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
         """Names of the S sensors; two of one name are told apart by a number."""
-        return distinct_names(self.sensors)
+        return distinct_names(self.sensors) if self.system_table is None else tuple(self.system_table.outputs)
+
+    @property
+    def sample_rates(self) -> dict[tuple[str | int, ...], float | None]:
+        """Samples per second [Hz] of each sensor, None = one every step, by where that stands in the file."""
+        if self.system_table is not None:
+            return {("system", "outputs", name, "rate"): output.rate for name, output in self.system_table.outputs.items()}
+        return {("sensors", i, "rate"): sensor.rate for i, sensor in enumerate(self.sensors)}
+
+    @property
+    def landmarks(self) -> tuple[Point, ...]:
+        """Points that sensors look at."""
+        text = self.system_text
+        if text is not None:
+            return tuple(point for output in text.outputs for point in text.points_of(output))
+        return tuple(point for sensor in self.sensors for point in sensor.landmarks)
 
     @property
     def criterion(self) -> AbstractCriterion:

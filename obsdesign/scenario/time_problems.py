@@ -20,10 +20,10 @@ def find_time_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("time", "duration"), f"is {time.duration:g} s: must be a whole multiple of the segment, {time.segment:g} s")
     if whole_multiple(time.segment, time.step) is None:
         yield Problem(("time", "segment"), f"is {time.segment:g} s: must be a whole multiple of the step, {time.step:g} s")
-    for i, sensor in enumerate(scenario.sensors):
-        if sensor.rate is not None and whole_multiple(1 / sensor.rate, time.step) is None:
-            period = f"is {sensor.rate:g} Hz, a period of {1 / sensor.rate:g} s"
-            yield Problem(("sensors", i, "rate"), f"{period}: must be a whole multiple of the step, {time.step:g} s")
+    for location, rate in scenario.sample_rates.items():
+        if rate is not None and whole_multiple(1 / rate, time.step) is None:
+            period = f"is {rate:g} Hz, a period of {1 / rate:g} s"
+            yield Problem(location, f"{period}: must be a whole multiple of the step, {time.step:g} s")
     for duration in dict.fromkeys((scenario.shortest, time.duration)):
         if whole_multiple(duration, time.step) is not None:
             yield from _path_problems(scenario, duration)
@@ -33,7 +33,7 @@ def _path_problems(scenario: Scenario, duration: float) -> Iterator[Problem]:
     path = scenario.design.path
     if path is None:
         return
-    names = tuple(signal.name for signal in scenario.vehicle.inputs)
+    names = tuple(signal.name for signal in scenario.inputs)
     lower, upper = (tuple(scenario.design.bounds.get(name, (-1.0, 1.0))[side] for name in names) for side in (0, 1))
     grid = Grid(names, lower, upper, round(duration / scenario.time.step), scenario.time.step)
     try:

@@ -179,7 +179,6 @@ def _facing_forward(log: Log) -> Log:
     return replace(log, truth=LogTruth(truth.names, truth.t, turned), notes=(*log.notes, note))
 
 
-def _landmarks_of(system: System) -> dict[str, tuple[float, float]]:
+def _landmarks_of(system: AbstractSystem) -> dict[str, tuple[float, float]]:
     """The places of sensors that look at one beacon, by their names."""
-    sensors = zip(system.sensor_names, system.sensors, strict=True)
-    return {name: sensor.landmarks[0] for name, sensor in sensors if len(sensor.landmarks) == 1}
+    return {channel.name: channel.landmarks[0] for channel in system.model.channels if len(channel.landmarks) == 1}

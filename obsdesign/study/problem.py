@@ -13,6 +13,7 @@ from obsdesign.design.problem import DesignProblem
 from obsdesign.design.robust import Robust
 from obsdesign.dynamics.simulation import simulate
 from obsdesign.dynamics.system import System
+from obsdesign.dynamics.text_system import TextSystem
 from obsdesign.errors import InputError
 from obsdesign.paths.piecewise_constant import PiecewiseConstant
 from obsdesign.scenario.schema import Scenario
@@ -30,7 +31,7 @@ def start_of(scenario: Scenario) -> np.ndarray:
 
 def scenario_paths(scenario: Scenario) -> dict[str, Trajectory]:
     """The paths that a scenario gives, by name: from the start, leg by leg."""
-    step, names = scenario.time.step, [signal.name for signal in scenario.vehicle.inputs]
+    step, names = scenario.time.step, [signal.name for signal in scenario.inputs]
     paths = {}
     for table in scenario.paths:
         legs = [np.tile([leg.inputs.get(name, 0.0) for name in names], (round(leg.seconds / step), 1)) for leg in table.legs]
@@ -58,9 +59,12 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
     )
 
 
-def _with_suite(scenario: Scenario, suite: tuple[str, ...]) -> System:
+def _with_suite(scenario: Scenario, suite: tuple[str, ...]) -> System | TextSystem:
     """The scenario's system with some of its sensors; scales and biases of the others stay states."""
-    return scenario.system if set(suite) == set(scenario.sensor_names) else replace(scenario.system, suite=suite)
+    system = scenario.system
+    if set(suite) == set(scenario.sensor_names):
+        return system
+    return system.only(suite) if isinstance(system, TextSystem) else replace(system, suite=suite)
 
 
 def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:

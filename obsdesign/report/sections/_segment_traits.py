@@ -45,7 +45,7 @@ def segment_traits(study: Study) -> SegmentTraits:
         rates = np.abs(np.diff(path.x[:, scenario.state_names.index("heading")])) / path.step
         mean = np.add.reduceat(rates, nodes[:-1]) / np.diff(nodes)
         turning = mean > max(TURN_THRESHOLD * float(mean.max()), _SLOWEST)
-    landmarks = [group.landmarks for group in scenario.system.groups]
+    landmarks = [channel.landmarks for channel in scenario.system.model.channels]
     near = np.zeros((len(seconds), len(landmarks)), dtype=bool)
     if {"x", "y"} <= set(scenario.state_names):
         positions = path.x[:, [scenario.state_names.index(name) for name in ("x", "y")]]
