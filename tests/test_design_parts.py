@@ -33,6 +33,7 @@ from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
 from obsdesign.design.sqp.conic_qp import minimise
 from obsdesign.design.sqp.evaluation import Multipliers
 from obsdesign.design.sqp.matrix_objective import LinearObjective, evaluate_objective
+from obsdesign.design.upper_bound import cap_of
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.step import blocks_of, step_of
 from obsdesign.information.sample_information import sampling_mask
@@ -801,6 +802,28 @@ def test_sensitivities_are_sums_over_earlier_inputs(of_each_run: bool, policy: s
             np.testing.assert_allclose(found.G[run, k], expected, rtol=1e-12, atol=1e-12)
             total += D[run, k] @ expected if k < steps else 0.0
         np.testing.assert_allclose(found.gains[run], total, rtol=1e-12, atol=1e-12)
+
+
+def test_a_climb_ends_where_it_is_next_to_what_nothing_exceeds():
+    """20 turn rates reach the cap 25.2332... from anywhere: told of it, a climb ends sooner, within 1e-7 of it, and never above."""
+    problem = od.DesignProblem(
+        od.System(od.Dubins(1.0, wind="constant"), (od.GPS(1.0),)),
+        (0.0, 0.0, 0.0, 0.3, -0.2),
+        20.0,
+        0.2,
+        path=od.PiecewiseConstant(20),
+        bounds={"turn_rate": (-1.0, 1.0)},
+    )
+    cap = cap_of(problem)
+    assert cap is not None
+    for seed in range(3):
+        u = np.repeat(np.random.default_rng(seed).uniform(-1, 1, 20), 5)[:, None]
+        free = solve_locally(LocalSolve(problem, "", u, (problem.path,), True))
+        ended = solve_locally(LocalSolve(problem, "", u, (problem.path,), True, ceiling=cap.value))
+        assert ended.status is od.Status.LOCALLY_OPTIMAL
+        assert ended.iterations <= free.iterations
+        assert cap.value * (1 - 1e-7) <= ended.objective <= cap.value * (1 + 1e-9)
+        assert ended.objective <= free.objective * (1 + 1e-9)
 
 
 def test_the_solver_imports_nothing_but_its_own_modules_conic_programs_and_the_words_of_status():

@@ -15,6 +15,7 @@ from obsdesign.design.nlp.criterion_objective import matrix_objective_of
 from obsdesign.design.nlp.program import Program
 from obsdesign.design.problem import DesignProblem
 from obsdesign.design.sqp.matrix_objective import evaluate_objective
+from obsdesign.design.upper_bound import cap_of
 from obsdesign.paths.abstract import AbstractPath
 from obsdesign.progress import StageReport
 
@@ -47,7 +48,8 @@ def climb(
     three, and the first that is refined, set it for the others.
     """
     apply = map if executor is None else executor.map
-    families = families_of(problem.path)
+    families, cap = families_of(problem.path), cap_of(problem)
+    ceiling = np.inf if cap is None else cap.value
     report(f"{problem.duration:g} s: {len(starts)} local solves{' of a coarse family' if len(families) > 1 else ''}")
     coarse: list[LocalSolution] = []
     for batch in (starts[:_FIRST], starts[_FIRST:]):
@@ -55,14 +57,14 @@ def climb(
             break
         best = _best_objective(coarse, target)
         coarse_target = best if len(families) == 1 else near_best(best)
-        tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, target=coarse_target) for name, u in batch]
+        tasks = [LocalSolve(problem, name, u, families[:1], len(families) == 1, target=coarse_target, ceiling=ceiling) for name, u in batch]
         coarse += report.count(apply(solve_locally, tasks), len(starts), "local solves done", len(coarse))
     for solution in coarse:
         _LOGGER.debug("%s: %s, objective %g, %d iterations", solution.name, solution.status.value, solution.objective, solution.iterations)
     if len(families) == 1:
         return Climbs(tuple(coarse), tuple(coarse))
     report(f"{problem.duration:g} s: the best of them refined")
-    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, target, report))
+    return Climbs(tuple(coarse), _refine(problem, families, coarse, executor, (target, ceiling), report))
 
 
 def _best_objective(solutions: Sequence[LocalSolution], target: float) -> float:
@@ -79,16 +81,19 @@ def _refine(
     families: tuple[AbstractPath, ...],
     coarse: Sequence[LocalSolution],
     executor: Executor | None,
-    target: float,
+    marks: tuple[float, float],
     report: StageReport,
 ) -> tuple[LocalSolution, ...]:
-    """Climb on from the best of the coarse paths through the finer ones: first from the best, then from others that may beat it."""
-    apply = map if executor is None else executor.map
+    """Climb on from the best of the coarse paths through the finer ones: first from the best, then from others that may beat it.
+
+    marks: an objective that is there, and what none exceeds.
+    """
+    apply, (target, ceiling) = map if executor is None else executor.map, marks
     lower, upper = families[0].box(problem.grid)
     selected, refined = _best_distinct(coarse, target, upper - lower), []
     for batch in (selected[:1], selected[1:]):
         target = _best_objective(refined, target)
-        tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target) for solution in batch]
+        tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target, ceiling=ceiling) for solution in batch]
         solutions = report.count(apply(solve_locally, tasks), len(selected), "refined", len(refined))
         refined += [
             replace(solution, iterations=solution.iterations + coarse_solution.iterations)

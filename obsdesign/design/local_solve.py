@@ -27,7 +27,8 @@ _COARSE_TOLERANCE = 1e-4  # tolerance where a finer climb follows
 class LocalSolve:
     """A climb from inputs u (N, m) through families of the problem's path, coarse to fine; checked: also between the nodes.
 
-    target: objective that it is abandoned below where it creeps, in the last of the families.
+    target: objective that it is abandoned below where it creeps, in the last of the families. ceiling: what no objective exceeds, where
+    a climb ends.
     """
 
     problem: DesignProblem
@@ -38,6 +39,7 @@ class LocalSolve:
     objective: AbstractMatrixObjective | None = None
     eigenvalue_floor: float = 0.0
     target: float = float("-inf")
+    ceiling: float = float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +88,7 @@ def _solve_and_tighten(problem: DesignProblem, local_solve: LocalSolve, u: np.nd
         SolveStart(problem.path.fit(u, problem.grid), initial_rows(problem)),
         _ALLOWANCE_FACTORS,
         lambda solution, _: is_checked and solution.status.has_answer,
-        stopping=StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE, target=target),
+        stopping=StoppingCriteria(tolerance=TOLERANCE if is_checked else _COARSE_TOLERANCE, target=target, ceiling=local_solve.ceiling),
         eigenvalue_floor=local_solve.eigenvalue_floor,
     )
     iterations, last = 0, None

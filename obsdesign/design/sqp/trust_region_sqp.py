@@ -10,9 +10,9 @@ from time import perf_counter
 
 import numpy as np
 
-from obsdesign.design.sqp.local_model import bounds_of, build_model, multipliers_of, solve_model
+from obsdesign.design.sqp.local_model import FEASIBILITY_TOLERANCE, bounds_of, build_model, multipliers_of, solve_model
 from obsdesign.design.sqp.matrix_objective import AbstractMatrixObjective
-from obsdesign.design.sqp.merit import MeritFunction
+from obsdesign.design.sqp.merit import Iterate, MeritFunction
 from obsdesign.design.sqp.nonlinear_program import AnyProgram
 from obsdesign.design.sqp.penalty import MAX_PENALTY, raise_penalty, steer_penalty, update_scaling
 from obsdesign.design.sqp.solver_state import SolverState, WarmStart, initial_state
@@ -26,6 +26,7 @@ _MAX_RADIUS, _MIN_RADIUS = 1.0, 1e-9  # of the trust region, in widths of the bo
 _STATIONARITY_TOLERANCE, _VIOLATION_TOLERANCE = 1e-6, 1e-6
 _PACE, _AHEAD = 8, 5.0  # iterations over which the pace of a climb is taken, and how many times as many it is granted at that pace
 _NEARLY_FEASIBLE = 0.02  # violation up to which an objective says how a climb goes: before, it is given up for the limits
+_CEILING_SHARE = 1e-7  # of what no objective exceeds, below which nothing is left to be gained
 _MAX_VIOLATION = 1e-4  # that counts as none, of a solve that need not be exact
 _COLLAPSED_RADIUS, _STATIONARY_RESIDUAL = 1e-4, 0.1  # radius, and residual, of a region that has shrunk
 
@@ -35,12 +36,14 @@ class StoppingCriteria:
     """When a solve ends without an answer: iterations, and a deadline of time.perf_counter; tolerance: when it has one.
 
     target: objective below which an answer is worth nothing: what would stay below at five times the gain of its last 8 iterations ends.
+    ceiling: what no objective exceeds: a climb that is within 1e-7 of it, relative, has ended.
     """
 
     iterations: int = MAX_ITERATIONS
     tolerance: float = TOLERANCE
     deadline: float = float("inf")
     target: float = float("-inf")
+    ceiling: float = float("inf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +113,9 @@ def solve(
             break
         if iterate.violation <= _NEARLY_FEASIBLE:
             objectives.append(iterate.objective_value - iterate.evaluation.price)
+        if iterate.violation <= FEASIBILITY_TOLERANCE and _reaches(iterate, stopping.ceiling):
+            status = Status.LOCALLY_OPTIMAL
+            break
         if _is_hopeless(objectives, stopping.target):
             status = Status.ABANDONED
             break
@@ -161,6 +167,10 @@ def _next_radius(radius: float, step_length: float, reduction_ratio: float) -> f
 
 
 # ---------------------------------------------------------------- the end
+
+
+def _reaches(iterate: Iterate, ceiling: float) -> bool:
+    return iterate.objective_value - iterate.evaluation.price >= ceiling - _CEILING_SHARE * abs(ceiling)
 
 
 def _is_hopeless(objectives: list[float], target: float) -> bool:
