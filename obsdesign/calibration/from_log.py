@@ -116,7 +116,7 @@ def _told_by_samples_of_truth(system: AbstractSystem, truth: Log, prior: Prior, 
     sigmas = tuple(Parameter(Quantity.SIGMA, f"the truth of {name}", (j,), 1.0, 2.3) for j, name in enumerate(names))
     events = events_of(watched, truth)
     recording = FilterRows(events.rows, events.y, sample_weights(watched, events))
-    told, *_ = _fit(LogLikelihood(watched, recording, prior, (*parameters, *sigmas), Values((), np.zeros(0))))
+    told, *_ = _fit(LogLikelihood(watched, recording, prior, (*parameters, *sigmas), Values((), np.zeros(0))), may_have_outliers=False)
     return tuple(fact for fact in told if fact.is_told and fact.parameter in parameters)
 
 
@@ -171,12 +171,12 @@ def _lasting_innovations(likelihood: LogLikelihood, z: np.ndarray) -> Iterable[T
             yield from told_of_size(parameter, rests)[1:]
 
 
-def _fit(likelihood: LogLikelihood) -> tuple[tuple[Told, ...], LogLikelihood, Maximum]:
+def _fit(likelihood: LogLikelihood, may_have_outliers: bool = True) -> tuple[tuple[Told, ...], LogLikelihood, Maximum]:
     """Return what is told of the free parameters, biases and scales left out that are not there, and the maximum of the others.
 
     Intervals are those of all parameters at once: which biases and scales are there is told by the same data.
     """
-    trimmed, peak = most_likely(likelihood)
+    trimmed, peak = most_likely(likelihood, may_have_outliers)
     wide = told_of(trimmed, peak)
     stays = without_what_is_not_there(likelihood.free, peak)
     if stays.all():

@@ -13,7 +13,7 @@ from obsdesign.estimation.gate import Gate
 NORMAL_QUANTILE = 1.959963984540054
 _LIKELIHOOD_DROP = 1.920729410347062  # chi-square quantile for 95 %, 1 degree of freedom, over 2
 _SURE = NORMAL_QUANTILE  # standard deviations from nothing beyond which a bias or a scale is taken: 95 %
-_ENOUGH = 1e-4  # by which f may still be expected to fall
+_ENOUGH, _ROUGHLY = 1e-4, 0.3  # by which f may still be expected to fall; of a maximum that is only a start
 _MOST_STEPS = 40
 UNTOLD = 0.5  # of the spread before the data: a standard deviation above it tells of nothing
 _RAGGED = 0.7  # standard deviation of a logarithm beyond which its likelihood is looked at, not its curvature
@@ -60,25 +60,38 @@ class Told:
         return Told(self.parameter, value, min(self.low, value), max(self.high, value), is_told)
 
 
-def most_likely(likelihood: LogLikelihood) -> tuple[LogLikelihood, Maximum]:
+def most_likely(likelihood: LogLikelihood, may_have_outliers: bool = True) -> tuple[LogLikelihood, Maximum]:
     """Return the maximum, and the likelihood without the samples that a filter rejects there.
 
-    At first outliers are told by a maximum to which they do not matter: that of errors with long tails. With them one would be looked for
-    that calls them errors like any.
+    Outliers, where there may be many, are told at first by a maximum to which they do not matter: that of errors with long tails. With
+    them one would be looked for that calls them errors like any. Without them it is the better of two, from there and from what is stated.
+    Where there are none it is noise itself that may have tails, of which once more than 4 standard deviations are left out.
     """
-    peak = maximum(replace(likelihood, has_tails=True), np.zeros(len(likelihood.free)))
-    trimmed = likelihood
-    for _ in range(_MOST_ROUNDS):
+    stated = np.zeros(len(likelihood.free))
+    trimmed, start = _without_tails(likelihood, stated) if may_have_outliers else (likelihood, stated)
+    peak = maximum(trimmed, start)
+    for _ in range(_MOST_ROUNDS if may_have_outliers else 1):
         before, trimmed = trimmed, likelihood.without_outliers(peak.z, _GATE)
-        if _ and np.array_equal(before.recording.weights, trimmed.recording.weights):
+        if np.array_equal(before.recording.weights, trimmed.recording.weights):
             break
         peak = maximum(trimmed, peak.z)
     restricted = trimmed.without_chance(peak.z)
     return restricted, maximum(restricted, peak.z)
 
 
-def maximum(likelihood: LogLikelihood, start: np.ndarray) -> Maximum:
-    """Return the maximum from a start (P,), by a trust region with Fisher's information in the place of the second derivative."""
+def _without_tails(likelihood: LogLikelihood, stated: np.ndarray) -> tuple[LogLikelihood, np.ndarray]:
+    """Return the likelihood without what is an outlier where errors have long tails, and near which z its maximum is."""
+    tails = maximum(replace(likelihood, has_tails=True), stated, _ROUGHLY)
+    trimmed = likelihood.without_outliers(tails.z, _GATE)
+    nearby = np.array([maximum(trimmed, start, _ROUGHLY).z for start in (tails.z, stated)])
+    return trimmed, nearby[np.argmin(trimmed.values_at(nearby))]
+
+
+def maximum(likelihood: LogLikelihood, start: np.ndarray, enough: float = _ENOUGH) -> Maximum:
+    """Return the maximum from a start (P,), by a trust region with Fisher's information in the place of the second derivative.
+
+    It ends where no more than `enough` is expected of a step.
+    """
     from scipy.optimize import minimize
 
     if not len(start):
@@ -94,7 +107,7 @@ def maximum(likelihood: LogLikelihood, start: np.ndarray) -> Maximum:
 
     def stop(intermediate_result: object) -> None:
         """End where no step would gain anything."""
-        if at(np.asarray(intermediate_result.x)).decrement < _ENOUGH:  # pyright: ignore[reportAttributeAccessIssue]
+        if at(np.asarray(intermediate_result.x)).decrement < enough:  # pyright: ignore[reportAttributeAccessIssue]
             raise StopIteration
 
     result = minimize(
@@ -107,7 +120,7 @@ def maximum(likelihood: LogLikelihood, start: np.ndarray) -> Maximum:
         options={"initial_trust_radius": 0.3, "max_trust_radius": 1.0, "maxiter": _MOST_STEPS, "gtol": 1e-9},
     )
     best = at(result.x)
-    return Maximum(result.x, best.information, best.decrement < 10 * _ENOUGH)
+    return Maximum(result.x, best.information, best.decrement < 10 * enough)
 
 
 def without_what_is_not_there(free: tuple[Parameter, ...], peak: Maximum) -> np.ndarray:
