@@ -14,6 +14,7 @@ from test_select_verb import FLOAT, schedules
 
 import obsdesign as od
 from obsdesign.exchange.trajectory_csv import trajectory_csv
+from obsdesign.report.sections import summary
 from obsdesign.report.to_document import document_of
 from obsdesign.study.record import Study, schedule_at_steps
 
@@ -121,6 +122,15 @@ def select_verb(study: Study, at_most: float, folder: Path):
     scenario_file(folder, at_most)
     (folder / "path.csv").write_text(trajectory_csv(study.scenario.system, study.main.path))
     return obsdesign("select", "path.csv", "--scenario", "float.toml", "--json", folder=folder)
+
+
+def test_the_top_of_the_page_names_the_cheapest_schedule_and_what_it_costs(study, impossible):
+    (number,) = [number for number in summary.headline(study) if number.part.startswith("which")]
+    assert float(number.number) == study.selection.cheapest.schedule.value
+    assert number.meaning.startswith("cost of the cheapest schedule that keeps what is required, to within 0")
+    assert "the cheapest schedule that keeps what is required" in summary.answer(study)
+    (number,) = [number for number in summary.headline(impossible) if number.part.startswith("which")]
+    assert (number.number, number.meaning) == ("none", "no schedule keeps what is required")
 
 
 def test_what_is_impossible_ends_with_exit_code_1(study, impossible, tmp_path):

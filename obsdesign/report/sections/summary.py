@@ -8,6 +8,7 @@ from obsdesign.report.number_format import join, numeral, percent, with_unit
 from obsdesign.report.section import KeyNumber
 from obsdesign.report.sections.schedule import answer as schedule_answer
 from obsdesign.report.sections.schedule import schedule_in_words
+from obsdesign.status import Status
 from obsdesign.study.record import FilterCheck, Study
 
 
@@ -31,7 +32,7 @@ def _headline_along(study: Study) -> tuple[KeyNumber, ...]:
     value, path = facts.value_of(study, study.main.qualities[0]), path_in_words(study.about)
     how = KeyNumber(f"how{facts.drawing_suffix(study)}" if study.designs else "how", numeral(value), f"{criterion_name(study)} of {path}")
     on = "" if study.designs or len(study.candidates) == 1 else f", {path}"
-    which = KeyNumber(f"which{facts.drawing_suffix(study)}", asked_gap(study), f"gap between schedule and bound{on}")
+    which = KeyNumber(f"which{facts.drawing_suffix(study)}", *_schedule_number(study, on))
     first = () if on else (how,)
     if not study.checks:
         return *first, which
@@ -41,6 +42,18 @@ def _headline_along(study: Study) -> tuple[KeyNumber, ...]:
         which,
         KeyNumber(f"holds{facts.drawing_suffix(study)}", percent(check.in_band), f"of the instants with NEES in its band{on}"),
     )
+
+
+def _schedule_number(study: Study, on: str) -> tuple[str, str]:
+    """The number that stands for a schedule, and what it is: what keeping the requirements costs where that is asked, else the gap."""
+    selection = study.selection
+    if selection.question == "cheapest" and selection.cheapest is not None:
+        schedule = selection.cheapest.schedule
+        if schedule.status.has_answer:
+            return numeral(schedule.value), f"cost of the cheapest schedule that keeps what is required, to within {asked_gap(study)}{on}"
+        proven = "" if schedule.status is Status.INFEASIBLE else " was found that"
+        return "none", f"no schedule{proven} keeps what is required{on}"
+    return asked_gap(study), f"gap between schedule and bound{on}"
 
 
 def _headline_of_flight(study: Study) -> tuple[KeyNumber, ...]:
@@ -56,7 +69,10 @@ def _study_answer(study: Study) -> str:
     changes, check = facts.final_changes(study), study.check(study.about, facts.CHOSEN)
     better = [change for change in changes if change.is_better]
     verdict = "Yes" if better and check.validation.consistent else "In part"
-    how = f"on {path_in_words(study.about)}, with {schedule_in_words(study)}, a filter ends up"
+    chosen = schedule_in_words(study)
+    if study.selection.question_in_use == "cheapest":
+        chosen = f"the cheapest schedule that keeps what is required, {chosen}"
+    how = f"on {path_in_words(study.about)}, with {chosen}, a filter ends up"
     than = f"{path_in_words(study.baseline)} with {facts.baseline(study).schedule}"
     if not study.designs:
         than = facts.baseline(study).schedule
