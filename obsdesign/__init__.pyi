@@ -141,15 +141,23 @@ from .selection.schedule import upper_bound as upper_bound
 from .selection.sensor_loss import Loss as Loss
 from .selection.sensor_loss import sensor_losses as sensor_losses
 from .selection.solver import select_sensors as select_sensors
+from .sensors.accelerometer import Accelerometer as Accelerometer
 from .sensors.airspeed import Airspeed as Airspeed
 from .sensors.bearing import Bearing as Bearing
+from .sensors.camera import Camera as Camera
 from .sensors.course import Course as Course
 from .sensors.depth import Depth as Depth
 from .sensors.doppler import Doppler as Doppler
+from .sensors.global_bearing import GlobalBearing as GlobalBearing
 from .sensors.gps import GPS as GPS
+from .sensors.gyroscope import Gyroscope as Gyroscope
 from .sensors.magnetometer import Magnetometer as Magnetometer
+from .sensors.peer_bearing import PeerBearing as PeerBearing
+from .sensors.peer_range import PeerRange as PeerRange
+from .sensors.quaternion_norm import QuaternionNorm as QuaternionNorm
 from .sensors.range import Range as Range
 from .sensors.range_bearing import RangeBearing as RangeBearing
+from .sensors.relative_bearing import RelativeBearing as RelativeBearing
 from .sensors.speed_over_ground import SpeedOverGround as SpeedOverGround
 from .sensors.time_difference import TimeDifference as TimeDifference
 from .sensors.velocity_log import VelocityLog as VelocityLog
@@ -162,10 +170,15 @@ from .sweeps.execution import sweep as sweep
 from .sweeps.sweep_record import Sweep as Sweep
 from .sweeps.sweep_record import SweepRun as SweepRun
 from .trajectory import Trajectory as Trajectory
+from .vehicles.aerial_3d import Aerial3D as Aerial3D
 from .vehicles.dubins import Dubins as Dubins
+from .vehicles.inertial_visual import InertialVisual as InertialVisual
 from .vehicles.omnidirectional import Omnidirectional as Omnidirectional
+from .vehicles.polar_unicycle import PolarUnicycle as PolarUnicycle
 from .vehicles.second_order_unicycle import SecondOrderUnicycle as SecondOrderUnicycle
 from .vehicles.submersible import Submersible as Submersible
+from .vehicles.target_motion import TargetMotion as TargetMotion
+from .vehicles.two_robots import TwoRobots as TwoRobots
 from .vehicles.unicycle import Unicycle as Unicycle
 
 __version__: str

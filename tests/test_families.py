@@ -116,9 +116,139 @@ def diving(start: tuple[float, ...], speed: float, turn_rate: float, dive_rate: 
     return state_at
 
 
+def turned(omega: tuple[float, ...], t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """exp(K t), its integral and that one's integral from 0 to t, K the cross product with omega: Rodrigues' formula, term by term."""
+    K = np.array([[0.0, -omega[2], omega[1]], [omega[2], 0.0, -omega[0]], [-omega[1], omega[0], 0.0]])
+    size, unit = math.hypot(*omega), np.eye(3)
+    angle, second = size * t, K @ K / size**2
+    rotation = unit + math.sin(angle) / size * K + (1 - math.cos(angle)) * second
+    once = t * unit + (1 - math.cos(angle)) / size**2 * K + (t - math.sin(angle) / size) * second
+    twice = t**2 / 2 * unit + (t - math.sin(angle) / size) / size**2 * K + (t**2 / 2 - (1 - math.cos(angle)) / size**2) * second
+    return rotation, once, twice
+
+
+def attitude(q: tuple[float, ...], omega: tuple[float, ...], t: float) -> tuple[np.ndarray, np.ndarray]:
+    """The quaternion after turning at a constant rate about the vehicle's own axes, and the matrix of the first one."""
+    size = math.hypot(*omega)
+    turn = np.array([math.cos(size * t / 2), *(math.sin(size * t / 2) / size * np.array(omega))])
+    (a, b, c, d), (p, x, y, z) = q, turn
+    product = [a * p - b * x - c * y - d * z, a * x + b * p + c * z - d * y, a * y - b * z + c * p + d * x, a * z + b * y - c * x + d * p]
+    v = np.array([b, c, d])
+    cross = np.array([[0.0, -d, c], [d, 0.0, -b], [-c, b, 0.0]])
+    return np.array(product), (a**2 - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * a * cross
+
+
+def flying(start: tuple[float, ...], omega: tuple[float, ...], airspeed: tuple[float, ...], wind: tuple[float, ...]) -> Callable:
+    """Constant turn rates, airspeed and wind: the integral of a turning velocity."""
+
+    def state_at(t: float) -> np.ndarray:
+        q, R = attitude(start[3:7], omega, t)
+        place = np.array(start[:3]) + R @ turned(omega, t)[1] @ np.array(airspeed) + np.array(wind) * t
+        return np.array([*place, *q, *start[7:]])
+
+    return state_at
+
+
+def feeling(start: tuple[float, ...], omega: tuple[float, ...], force: tuple[float, ...], gravity: float) -> Callable:
+    """Constant turn rates and forces: the integral of a turning force, twice."""
+
+    def state_at(t: float) -> np.ndarray:
+        q, R = attitude(start[6:10], omega, t)
+        down, (_, once, twice) = np.array([0.0, 0.0, -gravity]), turned(omega, t)
+        velocity = np.array(start[3:6]) + R @ once @ np.array(force) + down * t
+        place = np.array(start[:3]) + np.array(start[3:6]) * t + R @ twice @ np.array(force) + down * t**2 / 2
+        return np.array([*place, *velocity, *q, *start[10:]])
+
+    return state_at
+
+
+def in_polar_coordinates(planar: Callable[[float], np.ndarray]) -> Callable[[float], np.ndarray]:
+    def state_at(t: float) -> np.ndarray:
+        x, y, heading = planar(t)
+        return np.array([math.hypot(x, y), math.atan2(y, x), heading])
+
+    return state_at
+
+
+def side_by_side(one: Callable[[float], np.ndarray], other: Callable[[float], np.ndarray]) -> Callable[[float], np.ndarray]:
+    return lambda t: np.array([*one(t), *other(t)])
+
+
+def pushed(start: tuple[float, ...], push: complex) -> Callable[[float], np.ndarray]:
+    """A constant acceleration: a parabola."""
+
+    def state_at(t: float) -> np.ndarray:
+        place, velocity = complex(*start[:2]), complex(*start[2:])
+        place, velocity = place + velocity * t + push * t**2 / 2, velocity + push * t
+        return np.array([place.real, place.imag, velocity.real, velocity.imag])
+
+    return state_at
+
+
+SLIPS_3D = (0.3, -0.2, 0.5)
+SPIN, TILTED = (0.15, -0.1, 0.2), tuple((np.array([0.9, 0.1, -0.3, 0.2]) / math.hypot(0.9, 0.1, 0.3, 0.2)).tolist())
+ALOFT, AIRSPEED = (1.0, -2.0, 3.0, *TILTED), (5.0, 1.0, -0.5)
+MOVING, BIASES = (1.0, -2.0, 3.0, 0.5, 0.2, -0.1, *TILTED), (0.1, -0.05, 0.2, 0.01, -0.02, 0.03)
+FORCE, BIASED_FORCE = (0.4, -0.3, 9.0), (0.5, -0.35, 9.2)
+BIASED_SPIN = (0.16, -0.12, 0.23)
+AROUND, POLAR = (60.0, 15.0, 0.4), (math.hypot(60.0, 15.0), math.atan2(15.0, 60.0), 0.4)
+PEER, PASSING = (3.0, 4.0, -1.0), (100.0, -20.0, 3.0, 1.0)
 AT_REST, IN_WIND, WIND = (1.0, -2.0, 0.4), (1.0, -2.0, 0.4, 3.0, -1.5), (3.0, -1.5)
 SLIPS, ROLLING, SUNK = (0.7, -2.0, 0.1), (1.0, -2.0, 0.4, 6.0), (1.0, -2.0, 0.4, 12.0)
 VEHICLES = {
+    "aerial_3d": [
+        Flight(od.Aerial3D(), ALOFT, (*SPIN, *AIRSPEED), (), flying(ALOFT, SPIN, AIRSPEED, (0.0, 0.0, 0.0))),
+        Flight(od.Aerial3D("unknown"), ALOFT, (*SPIN, *AIRSPEED), (0.7,), flying(ALOFT, SPIN, AIRSPEED, (0.0, 0.0, 0.7))),
+        Flight(
+            od.Aerial3D("constant", (0.0, 3.0, 4.0)),
+            (*ALOFT, 0.7),
+            (*SPIN, *AIRSPEED),
+            (),
+            flying((*ALOFT, 0.7), SPIN, AIRSPEED, (0.0, 2.1, 2.8)),
+        ),
+        Flight(od.Aerial3D("unknown", None), ALOFT, (*SPIN, *AIRSPEED), SLIPS_3D, flying(ALOFT, SPIN, AIRSPEED, SLIPS_3D)),
+        Flight(
+            od.Aerial3D("constant", None),
+            (*ALOFT, *SLIPS_3D),
+            (*SPIN, *AIRSPEED),
+            (),
+            flying((*ALOFT, *SLIPS_3D), SPIN, AIRSPEED, SLIPS_3D),
+        ),
+    ],
+    "inertial_visual": [
+        Flight(od.InertialVisual(9.81), MOVING, (*SPIN, *FORCE), (), feeling(MOVING, SPIN, FORCE, 9.81)),
+        Flight(od.InertialVisual(None), (*MOVING, 9.7), (*SPIN, *FORCE), (), feeling((*MOVING, 9.7), SPIN, FORCE, 9.7)),
+        Flight(
+            od.InertialVisual(9.81, biases=True),
+            (*MOVING, *BIASES),
+            (*BIASED_SPIN, *BIASED_FORCE),
+            (),
+            feeling((*MOVING, *BIASES), SPIN, FORCE, 9.81),
+        ),
+    ],
+    "polar_unicycle": [
+        Flight(od.PolarUnicycle(), POLAR, (2.0, 0.5), (), in_polar_coordinates(on_a_circle(2.0, 0.5, AROUND, (0.0, 0.0)))),
+    ],
+    "target_motion": [
+        Flight(od.TargetMotion(), PASSING, (0.3, -0.2), (), pushed(PASSING, -(0.3 - 0.2j))),
+        Flight(od.TargetMotion("unknown acceleration"), PASSING, (0.3, -0.2), (0.1, 0.4), pushed(PASSING, -0.2 + 0.6j)),
+    ],
+    "two_robots": [
+        Flight(
+            od.TwoRobots("known"),
+            (*AT_REST, *PEER),
+            (2.0, 0.5, -1.0, 0.4),
+            (),
+            side_by_side(on_a_circle(2.0, 0.5, AT_REST, (0.0, 0.0)), on_a_circle(-1.0, 0.4, PEER, (0.0, 0.0))),
+        ),
+        Flight(
+            od.TwoRobots(),
+            (*AT_REST, *PEER),
+            (2.0, 0.5),
+            (-1.0, 0.4),
+            side_by_side(on_a_circle(2.0, 0.5, AT_REST, (0.0, 0.0)), on_a_circle(-1.0, 0.4, PEER, (0.0, 0.0))),
+        ),
+    ],
     "dubins": [
         Flight(od.Dubins(8.0), AT_REST, (0.5,), (), on_a_circle(8.0, 0.5, AT_REST, (0.0, 0.0))),
         Flight(od.Dubins(8.0, wind="constant"), IN_WIND, (0.5,), (), on_a_circle(8.0, 0.5, IN_WIND, WIND)),
@@ -158,6 +288,7 @@ class Reading:
     landmarks: tuple[tuple[float, float], ...] = ()
     vehicle: AbstractVehicle = dataclasses.field(default_factory=od.Unicycle)
     is_singular: bool = True
+    u: tuple[float, ...] = ()
     states: tuple[Mapping[str, float], ...] = tuple(
         {"x": x, "y": y, "heading": heading} for x, y, heading in ((3.0, -1.0, 0.4), (90.0, 20.0, -2.5), (-5.0, -80.0, 7.0))
     )
@@ -216,7 +347,63 @@ DIVES = tuple(
     {"x": x, "y": y, "heading": heading, "depth": depth} for x, y, heading, depth in ((3.0, -1.0, 0.4, 5.0), (90.0, 20.0, -2.5, 30.0))
 )
 DYNAMIC: Any = {"vehicle": od.SecondOrderUnicycle(wind="constant"), "states": SURGES}
+INERTIAL = tuple(
+    {"x": x, "y": y, "z": z, **dict(zip(("q_t", "q_x", "q_y", "q_z"), q, strict=True))}
+    for x, y, z, q in ((3.0, -1.0, 12.0, TILTED), (4.0, 3.0, -20.0, (0.96, 0.0, 0.28, 0.0)), (-3.0, -2.0, 12.0, (0.96, 0.28, 0.0, 0.0)))
+)
+PAIRS = tuple(
+    {"x": x, "y": y, "heading": heading, "peer_x": -30.0, "peer_y": y + 40.0, "peer_heading": 1.0}
+    for x, y, heading in ((3.0, -1.0, 0.4), (90.0, 20.0, -2.5))
+)
+
+
+def in_the_picture(state: Mapping[str, float], feature: tuple[float, float, float]) -> tuple[float, float]:
+    """By the matrix of the attitude, whose columns are the vehicle's axes."""
+    _, R = attitude(tuple(state[name] for name in ("q_t", "q_x", "q_y", "q_z")), (1.0, 0.0, 0.0), 0.0)
+    seen = R.T @ (np.array([state["x"], state["y"], state["z"]]) - feature)
+    return seen[0] / seen[2], seen[1] / seen[2]
+
+
+def to_the_peer(state: Mapping[str, float]) -> complex:
+    return complex(state["peer_x"] - state["x"], state["peer_y"] - state["y"])
+
+
+TWO: Any = {"vehicle": od.TwoRobots(), "states": PAIRS}
+SURGES_IN_AIR: Any = {"vehicle": od.SecondOrderUnicycle(wind="constant"), "states": SURGES, "u": (0.5, 0.3)}
 SENSORS = {
+    "accelerometer": [Reading(od.Accelerometer(0.1), lambda state: (0.5, 0.3 * state["speed"]), **SURGES_IN_AIR)],
+    "camera": [
+        Reading(od.Camera(0.02), lambda state: in_the_picture(state, (0.0, 0.0, 0.0)), vehicle=od.Aerial3D(), states=INERTIAL),
+        Reading(
+            od.Camera(0.02, feature=(1.0, -2.0, 3.0)),
+            lambda state: in_the_picture(state, (1.0, -2.0, 3.0)),
+            vehicle=od.Aerial3D(),
+            states=INERTIAL[:2],
+        ),
+    ],
+    "global_bearing": [
+        Reading(od.GlobalBearing(BEACON, 0.1), lambda state: (math.atan2(BEACON[1] - state["y"], BEACON[0] - state["x"]),), (BEACON,)),
+    ],
+    "gyroscope": [Reading(od.Gyroscope(0.01), lambda state: (0.3,), **SURGES_IN_AIR)],
+    "peer_bearing": [Reading(od.PeerBearing(0.1), lambda state: (cmath.phase(to_the_peer(state)) - state["heading"],), **TWO)],
+    "peer_range": [Reading(od.PeerRange(1.0), lambda state: (abs(to_the_peer(state)),), **TWO)],
+    "quaternion_norm": [
+        Reading(
+            od.QuaternionNorm(0.01),
+            lambda state: (sum(state[name] ** 2 for name in ("q_t", "q_x", "q_y", "q_z")),),
+            vehicle=od.Aerial3D(),
+            states=INERTIAL,
+        ),
+    ],
+    "relative_bearing": [
+        Reading(
+            od.RelativeBearing(0.1, beacons=(BEACON, REFERENCE)),
+            lambda state: tuple(
+                math.atan2(north - state["y"], east - state["x"]) - state["heading"] for east, north in (BEACON, REFERENCE)
+            ),
+            (BEACON, REFERENCE),
+        ),
+    ],
     "airspeed": [Reading(od.Airspeed(0.5), lambda state: (abs(state["speed"]),), **DYNAMIC)],
     "bearing": [
         Reading(od.Bearing(BEACON, 0.1), angle_to_beacon, (BEACON,)),
@@ -544,7 +731,8 @@ def test_a_vehicle_moves_as_integrated_by_hand_and_rk4_has_order_4(kind: str):
             u, w = (np.tile(values, (steps, 1)).reshape(steps, len(values)) for values in (flight.u, flight.w))
             path = od.simulate(system, flight.start, u, duration / steps, w, tolerance=0.5)  # one Runge-Kutta step for each
             errors.append(np.abs(path.x[-1] - exact).max())
-        np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.1)
+        if errors[0] > 1e-12:  # of a polynomial motion no step errs
+            np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 4.0, atol=0.1)
         assert errors[-1] < 1e-5
 
 
@@ -586,7 +774,8 @@ def measured(reading: Reading, state: Mapping[str, float]) -> tuple[np.ndarray, 
     """Outputs (q,) and their derivatives (q, states) as CasADi has them."""
     model = od.System(reading.vehicle, (reading.sensor,)).model
     assert model.state_names == tuple(state)
-    y, C = ca.Function("h", [model.x], [model.h, ca.jacobian(model.h, model.x)])(list(state.values()))
+    u = reading.u or (0.0,) * len(model.inputs)
+    y, C = ca.Function("h", [model.x, model.u], [model.h, ca.jacobian(model.h, model.x)])(list(state.values()), u)
     return y.full().ravel(), C.full()
 
 
@@ -679,13 +868,14 @@ def test_an_output_of_any_sensor_may_be_scaled_and_off_by_states_of_its_own(kind
         both = dataclasses.replace(sensor, bias="off", scale=None if is_angle.all() else "times")
         model = od.System(reading.vehicle, (both,)).model
         plain = od.System(reading.vehicle, (sensor,)).model
-        found, h = (ca.Function("h", [m.x], [m.h, ca.jacobian(m.h, m.x), m.drift]) for m in (model, plain))
+        u = reading.u or (0.0,) * len(model.inputs)
+        found, h = (ca.Function("h", [m.x, m.u], [m.h, ca.jacobian(m.h, m.x), m.drift]) for m in (model, plain))
         offsets = np.arange(1.0, len(is_angle) + 1) / 8
         for state in reading.states:
             at = np.array(list(state.values()))
             extra = offsets if is_angle.all() else np.concatenate([[1.25], offsets])
-            y, J, drift = (value.full() for value in found([*at, *extra]))
-            plain_y, plain_J, _ = (value.full() for value in h(at))
+            y, J, drift = (value.full() for value in found([*at, *extra], u))
+            plain_y, plain_J, _ = (value.full() for value in h(at, u))
             factor = np.where(is_angle, 1.0, 1.25)
             np.testing.assert_allclose(y.ravel(), factor * plain_y.ravel() + offsets, rtol=1e-12)
             np.testing.assert_allclose(J[:, :n], factor[:, None] * plain_J, rtol=1e-12, atol=1e-15)

@@ -6,6 +6,7 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from conftest import ROOT
@@ -26,16 +27,21 @@ MAY_CHANGE = {
 LONGEST_REPEAT = 12
 
 
+@cache
+def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(tree))
+
+
 def functions(tree: ast.AST) -> Iterator[ast.FunctionDef]:
-    return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef))
+    return (node for node in nodes(tree) if isinstance(node, ast.FunctionDef))
 
 
 def classes(tree: ast.AST) -> Iterator[ast.ClassDef]:
-    return (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+    return (node for node in nodes(tree) if isinstance(node, ast.ClassDef))
 
 
 def bound_names(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+    for node in nodes(tree):
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             yield node.id
         elif isinstance(node, ast.arg) and node.arg not in ("self", "cls"):
@@ -118,7 +124,7 @@ def test_records_do_not_change():
 def test_nothing_vanishes_under_optimisation_and_only_the_command_line_prints():
     wrong = []
     for path, tree in MODULES.items():
-        for node in ast.walk(tree):
+        for node in nodes(tree):
             prints = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print" and "cli" not in path.parts
             if isinstance(node, ast.Assert) or prints:
                 wrong.append(where(path, node))

@@ -118,7 +118,7 @@ class System(AbstractSystem):
             ),
             inputs=tuple(signal for signal, _ in known_pairs),
             unknown_inputs=tuple(signal for signal, _ in unknown_pairs),
-            channels=tuple(_channels(self, x, _rates(self, fields, known))),
+            channels=tuple(_channels(self, x, {**fields.derived, **_rates(self, fields, known)})),
             u_of_outputs=u if known_pairs else None,
             joint=tuple(JointNoise(names, R) for names, R in self.joint_noise.items()),  # pyright: ignore[reportArgumentType]
         )
@@ -134,14 +134,14 @@ def _fields(vehicle: AbstractVehicle, x: ca.SX) -> Fields:
     if not below.numel():
         return fields
     inputs, disturbances = (tuple(ca.vertcat(field, below) for field in group) for group in (fields.inputs, fields.disturbances))
-    return Fields(ca.vertcat(fields.drift, below), inputs, disturbances)
+    return Fields(ca.vertcat(fields.drift, below), inputs, disturbances, fields.derived)
 
 
-def _channels(system: System, x: ca.SX, rates: Mapping[str, ca.SX]) -> Iterator[Channel]:
+def _channels(system: System, x: ca.SX, derived: Mapping[str, ca.SX]) -> Iterator[Channel]:
+    """The channels; derived: what sensors read that is no state, rates among it."""
     import casadi as ca
 
-    state = {signal.name: x[i] for i, signal in enumerate(system.states)}
-    state |= rates
+    state = {signal.name: x[i] for i, signal in enumerate(system.states)} | dict(derived)
     for group in sensor_groups(system.sensors):
         readings = [_reading(sensor, sensor.name if sensor.group else group.name, state) for sensor in group.sensors]
         h = ca.vertcat(*(reading.h for reading in readings))

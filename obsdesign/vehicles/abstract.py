@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from obsdesign.signals import Signal
@@ -19,11 +20,15 @@ SPEED, TURN_RATE = Signal("speed", "m/s"), Signal("turn_rate", "rad/s")
 
 @dataclass(frozen=True)
 class Fields:
-    """The vector fields of xdot = drift + sum_i inputs_i u_i + sum_j disturbances_j w_j, each (n, 1)."""
+    """The vector fields of xdot = drift + sum_i inputs_i u_i + sum_j disturbances_j w_j, each (n, 1).
+
+    derived: what sensors read of the state that is no state of the vehicle, by name: x and y of one that counts in other coordinates.
+    """
 
     drift: ca.SX
     inputs: tuple[ca.SX, ...]
     disturbances: tuple[ca.SX, ...] = ()
+    derived: Mapping[str, ca.SX] = field(default_factory=dict)
 
 
 class AbstractVehicle(ABC):
