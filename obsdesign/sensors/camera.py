@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_finite
+from obsdesign.quaternions import conjugate, rotate
 from obsdesign.sensors._onboard import AbstractOnboard
 from obsdesign.signals import Signal
-from obsdesign.vehicles._attitude import conjugate, rotate
 
 if TYPE_CHECKING:
     import casadi as ca

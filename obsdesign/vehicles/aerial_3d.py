@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_finite
 from obsdesign.errors import InputError
+from obsdesign.quaternions import axis_columns, turn_columns
 from obsdesign.signals import Signal
 from obsdesign.vehicles import _attitude as attitude
 from obsdesign.vehicles._planar import Wind, require_wind
@@ -69,8 +70,8 @@ class Aerial3D(AbstractVehicle):
         import casadi as ca
 
         q, rest = x[3:7], x.numel() - 7
-        turns = tuple(ca.vertcat(ca.SX.zeros(3), column, ca.SX.zeros(rest)) for column in attitude.turn_columns(q))
-        axes = tuple(ca.vertcat(column, ca.SX.zeros(4 + rest)) for column in attitude.axis_columns(q))
+        turns = tuple(ca.vertcat(ca.SX.zeros(3), column, ca.SX.zeros(rest)) for column in turn_columns(q))
+        axes = tuple(ca.vertcat(column, ca.SX.zeros(4 + rest)) for column in axis_columns(q))
         ways = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)) if self.direction is None else (self.direction,)
         winds = tuple(ca.vertcat(ca.SX(list(way)), ca.SX.zeros(4 + rest)) for way in ways)
         drift = ca.horzcat(*winds) @ x[7:] if self.wind == "constant" else ca.SX.zeros(x.numel())

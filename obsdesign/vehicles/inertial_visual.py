@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_finite
+from obsdesign.quaternions import axis_columns, turn_columns
 from obsdesign.signals import Signal
 from obsdesign.vehicles import _attitude as attitude
 from obsdesign.vehicles.abstract import AbstractVehicle, Fields
@@ -62,8 +63,8 @@ class InertialVisual(AbstractVehicle):
         import casadi as ca
 
         n, q = x.numel(), x[6:10]
-        turns = tuple(_placed(column, 6, n) for column in attitude.turn_columns(q))
-        axes = tuple(_placed(column, 3, n) for column in attitude.axis_columns(q))
+        turns = tuple(_placed(column, 6, n) for column in turn_columns(q))
+        axes = tuple(_placed(column, 3, n) for column in axis_columns(q))
         g = x[n - 1] if self.gravity is None else ca.SX(self.gravity)
         drift = _placed(x[3:6], 0, n) + _placed(ca.vertcat(0, 0, -g), 3, n)
         if self.biases:
