@@ -123,7 +123,7 @@ def _states_of_its_own(model: Model, output: int) -> tuple[bool, bool]:
     import casadi as ca
 
     h, has_bias, has_scale = model.h[output], False, False
-    rate = ca.horzcat(model.drift, model.B, model.G)
+    rate = ca.horzcat(model.drift, model.B, model.G) if model.is_affine else model.rate
     for i in range(len(model.states)):
         slope = ca.jacobian(h, model.x[i])
         if not rate[i, :].is_zero() or slope.is_zero() or ca.depends_on(slope, model.x[i]):
@@ -213,11 +213,11 @@ def driven_states(model: Model) -> tuple[tuple[int, ...], ...]:
     import casadi as ca
 
     n, names = len(model.states), model.state_names
-    moves = np.array(ca.DM(ca.jacobian(model.drift, model.x).sparsity(), 1).full()) != 0
-    is_fed = (
-        np.array(ca.DM(ca.sum2(ca.DM(ca.sparsify(model.B).sparsity(), 1))).full()).ravel() != 0 if model.B.shape[1] else np.zeros(n, bool)
-    )
-    is_constant = np.array([model.drift[i].is_zero() for i in range(n)]) & ~is_fed
+    drift = model.drift if model.is_affine else ca.substitute(model.undisturbed_rate, model.u, ca.SX.zeros(model.u.numel()))
+    B = model.B if model.is_affine else ca.jacobian(model.undisturbed_rate, model.u)
+    moves = np.array(ca.DM(ca.jacobian(drift, model.x).sparsity(), 1).full()) != 0
+    is_fed = np.array(ca.DM(ca.sum2(ca.DM(ca.sparsify(B).sparsity(), 1))).full()).ravel() != 0 if B.shape[1] else np.zeros(n, bool)
+    is_constant = np.array([drift[i].is_zero() for i in range(n)]) & ~is_fed
     slip = tuple(names.index(name) for name in ("x", "y") if name in names)
     reached = is_fed | is_constant
     groups: list[tuple[int, ...]] = [(int(i),) for i in np.flatnonzero(is_constant)]

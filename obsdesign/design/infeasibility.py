@@ -78,7 +78,7 @@ def fastest_ground_speed(problem: DesignProblem) -> float | None:
     import casadi as ca
 
     model, names = problem.system.model, problem.system.model.state_names
-    if not {"x", "y"} <= set(names) or model.unknown_inputs:
+    if not {"x", "y"} <= set(names) or model.unknown_inputs or model.period is not None:
         return None
     rate = model.undisturbed_rate
     ground = ca.vertcat(rate[names.index("x")], rate[names.index("y")])

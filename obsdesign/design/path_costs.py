@@ -26,8 +26,12 @@ def total_costs(system: AbstractSystem, path: Trajectory, costs: Sequence[Abstra
 def refine_path(system: AbstractSystem, path: Trajectory, refinement: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Return shorter steps [s] along a path, so many for each of its own: states (finer N + 1, n), inputs (finer N, m).
 
-    They are made of ten times as many sub-steps as the path itself, or more: exact to a ten thousandth of what it is.
+    They are made of ten times as many sub-steps as the path itself, or more: exact to a ten thousandth of what it is. The state of a map
+    from one instant to the next stays between these.
     """
+    if system.model.period is not None:
+        x = np.vstack([np.repeat(path.x[:-1], refinement, axis=0), path.x[-1:]])
+        return path.step / refinement, x, np.repeat(path.u, refinement, axis=0)
     substeps = -(-REFINEMENT * substeps_along(system, path) // refinement)
     u = np.repeat(path.u, refinement, axis=0)
     return path.step / refinement, states_from(system, path.x[:1], u, path.step / refinement, substeps=substeps)[0], u

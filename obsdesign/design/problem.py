@@ -24,6 +24,7 @@ from obsdesign.design.problem_checks import (
     require_costs,
     require_inputs,
     require_known_information,
+    require_map,
     require_one_knowledge,
     require_posterior,
     require_start,
@@ -122,7 +123,9 @@ class DesignProblem(AbstractDisplay):
         model, durations, knowledge = self.system.model, Durations(self.shortest, self.longest, self.step), self.criterion.knowledge
         require_times(durations, self.floor, self.constraints)
         require_inputs(model.input_names, self.bounds, self.rates)
-        require_costs(model, self.grid.centre, [term.cost for term in (*self.prices, *self.budgets)])
+        costs = [term.cost for term in (*self.prices, *self.budgets)]
+        require_costs(model, self.grid.centre, costs)
+        require_map(model, self.step, self.x0, self.grid.centre, (*self.constraints, *costs))
         require_states(model.state_names, self.about)
         require_known_information(np.asarray(self.known), len(model.states))
         require_one_knowledge(model.state_names, knowledge, self.robust, self.floor)

@@ -16,7 +16,7 @@ from obsdesign.design.robust import Robust
 from obsdesign.dynamics.model import Model
 from obsdesign.errors import InputError
 from obsdesign.information.correlated_noise import colour_of
-from obsdesign.moment import Moment
+from obsdesign.moment import Moment, NoRates
 
 _ROUNDING = 1e-9  # by how much a margin of order 1 may fall short where the start lies on an edge
 
@@ -73,6 +73,24 @@ def require_costs(model: Model, u: np.ndarray, costs: Sequence[AbstractCost]) ->
     moment = Moment(state, state, dict(zip(model.input_names, u.tolist(), strict=True)), model.landmarks)
     for cost in costs:
         cost.rate(moment)
+
+
+def require_map(model: Model, step: float, x0: np.ndarray, u: np.ndarray, terms: Sequence[AbstractConstraint | AbstractCost]) -> None:
+    """Raise InputError, for a map from one instant to the next, for steps that are no whole periods, and for what asks for a rate.
+
+    x0 (n,), u (m,): a state and inputs.
+    """
+    if model.period is None:
+        return
+    _ = model.periods_in(step)
+    names = model.state_names
+    inputs = dict(zip(model.input_names, u.tolist(), strict=True))
+    moment = Moment(dict(zip(names, x0.tolist(), strict=True)), NoRates(names), inputs, model.landmarks)
+    for term in terms:
+        try:
+            _ = term.margins(moment) if isinstance(term, AbstractConstraint) else term.rate(moment)
+        except InputError as error:
+            raise InputError(f"{term}: {error}") from None
 
 
 def require_states(names: Sequence[str], about: Sequence[str]) -> None:

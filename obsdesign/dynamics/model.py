@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
-from obsdesign.checks import require_known
+from obsdesign.checks import require_known, whole_multiple
 from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.dynamics.motion import AbstractMotion, AffineMotion
 from obsdesign.errors import InputError
@@ -124,6 +124,13 @@ class Model:
     def period(self) -> float | None:
         """Length of a step [s] of a model that is a map from one instant to the next; None where time is continuous."""
         return self.motion.period
+
+    def periods_in(self, step: float) -> int:
+        """Return how many periods of a map a step [s] is made of; raise InputError where that is no whole number."""
+        count = None if self.period is None else whole_multiple(step, self.period)
+        if count is None:
+            raise InputError(f"step is {step!r}: the system is a map over {self.period:g} s, a step must be that or a whole multiple of it")
+        return count
 
     @cached_property
     def rate(self) -> ca.SX:

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from obsdesign.dynamics.model import AbstractSystem, Channel, Model
-from obsdesign.dynamics.motion import AffineMotion, GeneralMotion
+from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, GeneralMotion
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
 from obsdesign.trajectory import Trajectory
 
 LENGTH = Signal("length of a step", "s")
 _AT_SAMPLES = " at the samples"
+_SHORTEST = 1e-150  # s, of a step: over none at all inputs move nothing
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,7 @@ class PerStepSystem(AbstractSystem):
     """dx/dk = dt g_0 + sum_i f_i (dt u_i) + sum_j g_j (dt w_j): k counts the steps, dt is the length of the step that is made.
 
     Known inputs (dt, dt u), unknown inputs dt w: control-affine as the system is, each step is one of length 1, also where dt = 0. What
-    outputs contain of u follows as inputs that move nothing. Where the rate is not written as fields: dx/dk = dt rate(x, u, w) of the
-    known inputs (dt, u) and the unknown inputs w.
+    outputs contain of u follows as inputs that move nothing. Of another rate: dx/dk = dt rate(x, (dt u) / dt, (dt w) / dt).
     Sensors have a sample at every step; who asks says which of them are there.
     """
 
@@ -35,31 +35,12 @@ class PerStepSystem(AbstractSystem):
         import casadi as ca
 
         model, in_outputs = self.system.model, self.system.model.inputs_in_outputs
-        if not model.is_affine:
-            return self._build_general(model)
         return replace(
             model,
-            motion=AffineMotion(
-                ca.SX(*model.drift.shape), ca.horzcat(model.drift, model.B, ca.SX(model.x.numel(), len(in_outputs))), model.G
-            ),
+            motion=_affine_per_step(model) if model.is_affine else _general_per_step(model),
             inputs=(LENGTH, *(_integral_of(signal) for signal in model.inputs), *(_held(model.inputs[i]) for i in in_outputs)),
             u_of_outputs=ca.vertcat(ca.SX.sym("unused", 1 + len(model.inputs)), model.u[list(in_outputs)]) if in_outputs else None,
             unknown_inputs=tuple(_integral_of(signal) for signal in model.unknown_inputs),
-            channels=tuple(self._channel(channel) for channel in model.channels),
-            is_per_step=True,
-        )
-
-    def _build_general(self, model: Model) -> Model:
-        import casadi as ca
-
-        if model.period is not None:
-            raise InputError(f"the system is a map over {model.period:g} s: it takes equal steps, of that or of whole multiples of it")
-        dt = ca.SX.sym("dt")
-        return replace(
-            model,
-            motion=GeneralMotion(ca.vertcat(dt, model.u), model.w, dt * model.rate),
-            inputs=(LENGTH, *model.inputs),
-            u_of_outputs=None if model.u_of_outputs is None else ca.vertcat(ca.SX.sym("unused"), model.u),
             channels=tuple(self._channel(channel) for channel in model.channels),
             is_per_step=True,
         )
@@ -69,6 +50,25 @@ class PerStepSystem(AbstractSystem):
 
         noise = replace(channel.noise, period=None if channel.rate is None else 1 / channel.rate)
         return replace(channel, rate=None, noise=replace(noise, gate=ca.SX(1)) if self.has_arrived else noise)
+
+
+def _affine_per_step(model: Model) -> AffineMotion:
+    import casadi as ca
+
+    B = ca.horzcat(model.drift, model.B, ca.SX(model.x.numel(), len(model.inputs_in_outputs)))
+    return AffineMotion(ca.SX(*model.drift.shape), B, model.G)
+
+
+def _general_per_step(model: Model) -> AbstractMotion:
+    """dt rate(x, (dt u) / dt, (dt w) / dt)."""
+    import casadi as ca
+
+    if model.period is not None:
+        raise InputError(f"the system is a map over {model.period:g} s: it takes equal steps, of that or of whole multiples of it")
+    m, held = len(model.inputs), len(model.inputs_in_outputs)
+    u, w = ca.SX.sym("u", 1 + m + held), ca.SX.sym("w", len(model.unknown_inputs))
+    length = ca.fmax(u[0], _SHORTEST)
+    return GeneralMotion(u, w, u[0] * model.motion.at(u[1 : 1 + m] / length, w / length))
 
 
 def _integral_of(signal: Signal) -> Signal:
@@ -129,11 +129,6 @@ def require_timed(model: Model) -> None:
 
 
 def scaled_inputs(path: Trajectory, model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Return (dt, dt u) with what outputs contain of u (N, 1 + m + r), and dt w (N, p), w = 0 where the path does not tell it.
-
-    Of a model that is not written as fields (dt, u) (N, 1 + m) and w.
-    """
+    """Return (dt, dt u) with what outputs contain of u (N, 1 + m + r), and dt w (N, p), w = 0 where the path does not tell it."""
     dt, p = path.lengths[:, None], len(model.unknown_inputs)
-    if not model.is_affine:
-        return np.hstack([dt, path.u]), np.zeros((path.steps, p)) if path.w is None else path.w
     return np.hstack([dt, dt * path.u, path.u[:, held_columns(model)]]), np.zeros((path.steps, p)) if path.w is None else dt * path.w

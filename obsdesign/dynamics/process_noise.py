@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     import casadi as ca
 
 CACHE_SIZE = 64
-_SHORTEST = 1e-150  # s, of a step: over none at all inputs move nothing
 
 
 @dataclass(frozen=True)
@@ -101,11 +100,11 @@ def _with_noise(model: Model, places: list[int]) -> AbstractMotion:
 
     if model.is_affine:
         return AffineMotion(model.drift, model.B, ca.horzcat(model.G, *[model.B[:, i] for i in places]))
-    w, u = ca.SX.sym("w", model.w.numel() + len(places)), ca.SX(model.u)  # a copy, of the same symbols
+    own, u = ca.SX.sym("w", model.w.numel()), ca.SX(model.u)  # a copy, of the same symbols
+    noise = ca.SX.sym("noise", len(places))
     for k, i in enumerate(places):
-        v = w[model.w.numel() + k]
-        u[i] += v / ca.fmax(model.u[0], _SHORTEST) if model.is_per_step else v  # v: the integral over a step
-    return moved_with(model.motion, inputs=(model.u, w), values=(u, w[: model.w.numel()]), below=ca.SX(0, 1))
+        u[i] += noise[k]
+    return moved_with(model.motion, inputs=(model.u, ca.vertcat(own, noise)), values=(u, own), below=ca.SX(0, 1))
 
 
 def noise_of(model: Model, disturbance_psd: DisturbancePsd, input_psd: InputPsd, step: float) -> ProcessNoise:

@@ -111,9 +111,7 @@ def step_of(model: Model, step: float, substeps: int = 1) -> Step:
 @lru_cache(CACHE_SIZE)
 def map_step(model: Model, step: float) -> Step:
     """Return x(t + step) of a model that is a map over its period, with inputs held; raise InputError for a step that is no multiple."""
-    count = whole_multiple(step, model.period or step)
-    if count is None:
-        raise InputError(f"step is {step!r}: the system is a map over {model.period:g} s, a step must be that or a whole multiple of it")
+    count = model.periods_in(step)
     (x_next,) = without_repeats([ca.densify(model.motion.at(model.u, model.w))])
     one = Step(model.x, model.u, model.w, x_next, ca.jacobian(x_next, model.x), ca.jacobian(x_next, model.w))
     return one if count == 1 else _chain(one, [_as_function(one)] * count)

@@ -71,6 +71,8 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     require_fit(system, path)
     if samples is not None:
         return _gramian_of_log(system, path, weighted, samples)
+    if not weighted and system.model.period is not None:
+        raise InputError("weighted is False: an integral over time is asked for; a map from one instant to the next has samples alone")
     system = system_along(system, path)
     if weighted:
         if colour_of(system.model) is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from obsdesign.calculus import lie_derivative, rk4
 from obsdesign.constraints.abstract import AbstractConstraint
-from obsdesign.design.nlp.node_functions import moment_of
+from obsdesign.design.nlp.node_functions import moment_of, rate_within_steps
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE
@@ -108,7 +108,7 @@ def margin_curves_of(model: Model, constraints: tuple[AbstractConstraint, ...]) 
     """Return the functions of a model's constraints."""
     instant, tau = moment_of(model), ca.SX.sym("tau")
     parts = [ca.SX(margin) for constraint in constraints for margin in constraint.margins(instant)]
-    column, drift = ca.vertcat(*parts) if parts else ca.SX(0, 1), model.undisturbed_rate
+    column, drift = ca.vertcat(*parts) if parts else ca.SX(0, 1), rate_within_steps(model)
     rate, margins = ca.Function("rate", [model.x, model.u], [drift]), ca.Function("margins", [model.x, model.u], [column])
     x_tau = rk4(lambda x: ca.SX(rate(x, model.u)), model.x, tau)  # a symbol serves as well
     first = lie_derivative(column, model.x, drift)

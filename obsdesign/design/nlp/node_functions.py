@@ -14,7 +14,7 @@ from obsdesign.costs.abstract import AbstractCost
 from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.step import CACHE_SIZE
-from obsdesign.moment import Moment
+from obsdesign.moment import Moment, NoRates
 from obsdesign.packing import pack, unpack
 
 
@@ -85,13 +85,18 @@ def node_functions_of(
 
 def moment_of(model: Model) -> Moment:
     """Return the symbolic moment at (x, u), unknown inputs 0."""
-    rate = model.undisturbed_rate
+    states = model.state_names
     return Moment(
-        dict(zip(model.state_names, ca.vertsplit(model.x), strict=True)),
-        dict(zip(model.state_names, ca.vertsplit(ca.densify(rate)), strict=True)),
+        dict(zip(states, ca.vertsplit(model.x), strict=True)),
+        NoRates(states) if model.period is not None else dict(zip(states, ca.vertsplit(ca.densify(model.undisturbed_rate)), strict=True)),
         dict(zip(model.input_names, ca.vertsplit(model.u), strict=True)) if model.inputs else {},
         model.landmarks,
     )
+
+
+def rate_within_steps(model: Model) -> ca.SX:
+    """Return how the state moves between instants, w = 0: not at all where the model is a map from one to the next."""
+    return ca.SX.zeros(model.x.numel()) if model.period is not None else model.undisturbed_rate
 
 
 def _mean_rate(model: Model, cost: AbstractCost, step: float, substeps: int) -> ca.SX:
@@ -101,7 +106,7 @@ def _mean_rate(model: Model, cost: AbstractCost, step: float, substeps: int) -> 
     (p!)^4 / ((2 p + 1) (2 p)!^3) h^2p max |d^2p rate / dt^2p|: for p = 5 and a rate that turns by w h in h seconds, 4e-13 (w h)^10 of it.
     """
     rate = ca.Function("cost", [model.x, model.u], [ca.SX(cost.rate(moment_of(model)))])
-    drift = ca.Function("rate", [model.x, model.u], [model.undisturbed_rate])
+    drift = ca.Function("rate", [model.x, model.u], [rate_within_steps(model)])
     if not ca.depends_on(ca.SX(rate(model.x, model.u)), model.x):
         return ca.SX(rate(model.x, model.u))
     points, weights = np.polynomial.legendre.leggauss(_POINTS if substeps == 1 else _SUBSTEP_POINTS)
