@@ -27,8 +27,9 @@ def rates(v: ca.SX | float, heading: ca.SX, turn: ca.SX | float) -> ca.SX:
 
 
 @pytest.mark.parametrize("output", [ca.sumsqr(X[:2]), ca.atan2(X[1], X[0]) - X[2], ca.atan2(X[1], X[0])])
-@pytest.mark.parametrize("unknown", ["", "v", "turn", "v turn"])
-@pytest.mark.parametrize("known_inputs", ["any", "smooth"])
+@pytest.mark.parametrize(
+    ("unknown", "known_inputs"), [("v", "any"), ("turn", "any"), ("v", "smooth"), ("turn", "smooth"), ("", "any"), ("v turn", "any")]
+)
 def test_an_affine_rate_has_the_verdict_of_the_affine_system(output: ca.SX, unknown: str, known_inputs):
     symbols = {"v": V, "turn": TURN}
     groups = [{name: symbol for name, symbol in symbols.items() if (name in unknown.split()) is is_unknown} for is_unknown in (False, True)]
@@ -120,13 +121,14 @@ def as_system(by_hand: ByHand, *, is_map: bool) -> od.GeneralSystem | od.Discret
 
 
 @pytest.mark.parametrize("is_map", [False, True])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed >= 5)) for seed in range(60)])
 def test_dimensions_are_those_of_jets_counted_anew(seed: int, is_map: bool):
     by_hand = random_system(random.Random(seed))
     orders = by_hand.n + 2 if is_map else 2 * by_hand.n + 3
     for known_inputs, count in (("any", 4 if by_hand.m else 1), ("smooth", 1)):
         verdict = od.observability(as_system(by_hand, is_map=is_map), known_inputs=known_inputs)
-        assert verdict.decided
+        # several runs of a map that is not onto, under one unknown input: no end is proven
+        assert verdict.decided or (is_map and by_hand.p and count > 1)
         assert verdict.dimension == by_hand.dimension(orders, count, is_map=is_map)
 
 

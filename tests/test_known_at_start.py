@@ -73,7 +73,7 @@ def test_the_one_that_the_virus_hides():
 
 
 @pytest.mark.parametrize("is_map", [False, True])
-@pytest.mark.parametrize("seed", range(40, 50))
+@pytest.mark.parametrize("seed", range(40, 45))
 def test_against_unit_rows_among_jets_counted_anew(seed: int, is_map: bool):
     draw = random.Random(seed)
     by_hand = random_system(draw)
