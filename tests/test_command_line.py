@@ -86,6 +86,14 @@ def test_init_writes_a_scenario_that_check_takes_without_being_told_which(tmp_pa
     assert "2 scenarios in this folder: name one of aerosonde_wind.toml, second.toml" in obsdesign("check", folder=tmp_path).stderr
 
 
+def test_init_writes_a_system_as_text_that_check_takes(tmp_path):
+    assert json.loads(obsdesign("init", "--system", "--json", folder=tmp_path).stdout)["scenario"] == "rover_as_text.toml"
+    text = (tmp_path / "rover_as_text.toml").read_text()
+    assert "[system.rates]" in text and "[vehicle]" not in text
+    assert obsdesign("check", folder=tmp_path).returncode == 0
+    assert obsdesign("init", "codesign_glider", "--system", folder=tmp_path).returncode == 2
+
+
 def test_a_template_that_is_not_there_is_bad_input_and_nothing_is_written(tmp_path):
     done = obsdesign("init", "aerosond_wind", folder=tmp_path)
     assert done.returncode == 2

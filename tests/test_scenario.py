@@ -78,7 +78,7 @@ BAD_INPUT = {
     "unknown kind": (
         'kind = "gps"',
         'kind = "gsp"',
-        ["sensors[0].kind", "'gsp'", "airspeed, bearing, course, depth, doppler, gps, magnetometer, range", "did you mean 'gps'"],
+        ["sensors[0].kind", "'gsp'", ", ".join(kinds(obsdesign.sensors)), "did you mean 'gps'"],
     ),
     "unknown criterion": (
         "min_eigenvalue",

@@ -427,11 +427,22 @@ TABLES = st.fixed_dictionaries(
 
 
 def read_or_refuse(table: dict[str, Any]) -> bool:
-    """Whether a table is a system; anything but InputError is a failure, as is a model that cannot be made of one that was accepted."""
+    """Whether a table is a system; anything but InputError is a failure, as is one that takes long.
+
+    A system that was accepted has a model, unless it comes to nothing by algebra: an output x - x tells nothing of the state.
+    """
+    began = time.process_time()
     try:
         system = od.system_from_text(table)
     except od.InputError as error:
         assert str(error).startswith("system")
+        return False
+    finally:
+        assert time.process_time() - began < 3  # a unit that nobody knows is asked of pint, which loads for half a second, once
+    try:
+        _ = system.model
+    except od.InputError as error:
+        assert "does not depend on the state" in str(error)
         return False
     assert len(system.model.states) == system.model.x.numel()
     assert str(system)
@@ -471,14 +482,14 @@ def likely_systems(draw: st.DrawFn) -> dict[str, Any]:
 
 @pytest.mark.slow
 @given(TABLES)
-@settings(max_examples=6000, deadline=2000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=6000, deadline=None, suppress_health_check=list(HealthCheck))
 def test_many_tables_are_systems_or_are_refused(table):
     read_or_refuse(table)
 
 
 @pytest.mark.slow
 @given(likely_systems())
-@settings(max_examples=4000, deadline=5000, suppress_health_check=list(HealthCheck))
+@settings(max_examples=4000, deadline=None, suppress_health_check=list(HealthCheck))
 def test_many_systems_are_read_and_their_rates_and_outputs_are_numbers(table):
     if read_or_refuse(table):
         written = od.system_from_text(table)

@@ -42,4 +42,4 @@ def _is_scenario(file: Path) -> bool:
         return True
     except (OSError, UnicodeDecodeError):
         return False
-    return "vehicle" in data or "sensors" in data
+    return any(key in data for key in ("vehicle", "sensors", "system"))

@@ -20,7 +20,9 @@ def init(options: Namespace) -> Outcome:
     if options.list:
         rows = {starter.name: {"title": starter.title, "question": starter.question} for starter in starters()}
         return Outcome({"templates": rows}, tuple(f"{name}: {row['title']}\n{_indent(row['question'])}" for name, row in rows.items()))
-    starter = starter_of(options.template)
+    if options.system and options.template not in (_DEFAULT, _AS_TEXT):
+        raise InputError(f"--system writes {_AS_TEXT}: it does not go with the template {options.template!r}")
+    starter = starter_of(_AS_TEXT if options.system else options.template)
     file = Path(f"{starter.name}.toml")
     if file.exists():
         raise InputError(f"{file} is there already: it is left as it is; rename it, or choose another template (obsdesign init --list)")
@@ -40,13 +42,15 @@ def _indent(text: str) -> str:
     return textwrap.fill(text, 96, initial_indent="    ", subsequent_indent="    ")
 
 
+_DEFAULT, _AS_TEXT = "aerosonde_wind", "rover_as_text"
 VERB = Verb(
     name="init",
     what="write a scenario to start from, with comments, into this folder",
     action=init,
     example="init",
     arguments=(
-        Argument("template", "which one (default: %(default)s); --list shows all", default="aerosonde_wind", may_miss=True),
+        Argument("template", "which one (default: %(default)s); --list shows all", default=_DEFAULT, may_miss=True),
+        Argument("--system", "one whose vehicle and sensors are formulas in it, to be replaced by your own", is_flag=True),
         Argument("--list", "list the templates and write nothing", is_flag=True),
         QUIET,
     ),
