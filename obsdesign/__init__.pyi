@@ -83,6 +83,11 @@ from .information.perturbation_check import Perturbation as Perturbation
 from .information.perturbation_check import perturbation as perturbation
 from .information.posterior import posterior_information as posterior_information
 from .information.posterior import unknown_input_information as unknown_input_information
+from .information.singular_motion import HiddenInterval as HiddenInterval
+from .information.singular_motion import Singularities as Singularities
+from .information.singular_motion import singularities as singularities
+from .information.singular_set import SingularSet as SingularSet
+from .information.singular_set import singular_set as singular_set
 from .information.windows import sliding_information as sliding_information
 from .joint.joint_certificate import JointBound as JointBound
 from .joint.joint_certificate import JointCertificate as JointCertificate

@@ -68,6 +68,8 @@ ACCEPTED: Mapping[str, Mapping[str, Any]] = {
     "check_path_bound": {"problem": DESIGN_PROBLEM, "certificate": CERTIFICATE},
     "check_joint_bound": {"problem": DESIGN_PROBLEM, "segments": 4, "per_segment": 1, "certificate": JOINT_CERTIFICATE},
     "circle_residuals": {"system": THREE, "path": od.simulate(THREE, [0.0, 0.0, 0.1], np.tile([0.3, 0.1], (8, 1)), 0.5)},
+    "singularities": {"system": THREE, "path": od.simulate(THREE, [0.0, 0.0, 0.1], np.tile([0.3, 0.1], (8, 1)), 0.5)},
+    "singular_set": {"system": THREE, "at": [0.0, 0.0, 0.1], "east": (0.0, 1.0), "north": (0.0, 1.0), "points": 3},
     "landmark_circle": {"landmarks": CORNERS},
     "shortest_curve": {"start": (0.0, 0.0, 0.0), "end": (5.0, 5.0, 1.0), "radius": 1.0},
     "design_trajectory": {"problem": DESIGN_PROBLEM, "starts": 1},
@@ -230,7 +232,21 @@ RETURNED = (
         "Violation",
         "ViolationKind",
     ),
-    *("Study", "Sweep", "SweepRun", "Symmetry", "SymmetryKind", "ThinnedPath", "UnobservableError", "Validation", "Verdict", "figures"),
+    *(
+        "Study",
+        "Sweep",
+        "SweepRun",
+        "HiddenInterval",
+        "Singularities",
+        "SingularSet",
+        "Symmetry",
+        "SymmetryKind",
+        "ThinnedPath",
+        "UnobservableError",
+        "Validation",
+        "Verdict",
+        "figures",
+    ),
 )
 
 

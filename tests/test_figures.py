@@ -157,7 +157,7 @@ def test_every_figure_is_a_figure(design, schedule, validation, flight):
         **{name: getattr(od.figures, name)(validation) for name in ("consistency", "errors")},
         "estimates": od.figures.estimates(flight),
     }
-    assert {*drawn, "front"} == set(od.figures.__all__)
+    assert {*drawn, "front", "singular"} == set(od.figures.__all__)
     assert all(isinstance(figure, Figure) for figure in drawn.values())
 
 

@@ -7,4 +7,5 @@ from .input_histories import inputs as inputs
 from .nees import consistency as consistency
 from .path_map import path as path
 from .schedule_raster import schedule as schedule
+from .singular_positions import singular as singular
 from .spectra import spectrum as spectrum
