@@ -71,6 +71,14 @@ def test_of_many_sensors_each_alone_all_but_one_and_all_are_looked_at(tmp_path: 
     assert sorted(map(len, subsets_of(load_scenario_to_analyse(tmp_path / "many.toml")))) == [1] * 7 + [6] * 7 + [7]
 
 
+def test_inputs_that_nobody_knows_and_states_known_at_the_start_are_those_of_the_library(tmp_path: Path):
+    text = LANDMARKS.replace(', disturbance = "unknown"', "").replace("title", 'unknown_inputs = ["forward", "turn_rate"]\ntitle', 1)
+    study = study_of(tmp_path, text + '[analysis]\nsubsets = [["a"]]\nknown_at_start = ["x"]\n')
+    system = od.System(od.Omnidirectional(), study.scenario.sensors[:1], ("forward", "turn_rate"))
+    assert study.disturbances == ("arbitrary",)
+    assert study.analyses[0].verdict.dimension == od.observability(system, known_at_start=("x",)).dimension
+
+
 WRONG = {
     "an unknown sensor": ('subsets = [["a", "d"]]', "analysis.subsets[0]: is 'd': must be one of a, b, c"),
     "a subset twice": ('subsets = [["a", "b"], ["b", "a"]]', "analysis.subsets[1]: stands there twice"),
@@ -79,6 +87,14 @@ WRONG = {
     "half a point": ("point = { x = 1.0 }", "analysis.point.y: missing key"),
     "no start": ('point = "start"', "analysis.point: is start: there is no table [start]"),
 }
+
+
+def test_an_unknown_input_that_the_vehicle_does_not_have_is_named(tmp_path: Path):
+    (tmp_path / "wrong.toml").write_text('unknown_inputs = ["forwards"]\n' + LANDMARKS)
+    with pytest.raises(
+        od.ScenarioError, match="unknown_inputs: is 'forwards': must be one of .*; did you mean 'forward'"
+    ):
+        load_scenario_to_analyse(tmp_path / "wrong.toml")
 
 
 @pytest.mark.parametrize(("line", "message"), WRONG.values(), ids=WRONG.keys())

@@ -23,6 +23,14 @@ def find_analysis_problems(scenario: Scenario) -> Iterator[Problem]:
         yield Problem(("analysis", "point"), "is start: there is no table [start]; generic, or a value for each state, is possible")
 
 
+def find_unknown_input_problems(scenario: Scenario) -> Iterator[Problem]:
+    """Yield unknown inputs that the vehicle does not have, or that a system as text names itself."""
+    if scenario.vehicle is not None:
+        yield from _list_problems(("unknown_inputs",), scenario.unknown_inputs, tuple(signal.name for signal in scenario.vehicle.inputs))
+    elif scenario.unknown_inputs:
+        yield Problem(("unknown_inputs",), "goes with a vehicle: a [system] names them in `unknown`")
+
+
 def _list_problems(location: Location, names: tuple[str, ...], accepted: tuple[str, ...]) -> Iterator[Problem]:
     yield from (unknown_name(location, name, accepted) for name in names if name not in accepted)
     yield from (Problem(location, f"names {name!r} twice") for i, name in enumerate(names) if name in names[:i])

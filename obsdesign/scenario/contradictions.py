@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import obsdesign.criteria
 from obsdesign.errors import InputError
 from obsdesign.families import kinds
-from obsdesign.scenario.analysis_problems import find_analysis_problems
+from obsdesign.scenario.analysis_problems import find_analysis_problems, find_unknown_input_problems
 from obsdesign.scenario.criterion_problems import criteria_of_matrices, find_criterion_problems, find_weight_problems
 from obsdesign.scenario.path_problems import (
     find_baseline_problems,
@@ -46,6 +46,7 @@ def find_contradictions(scenario: Scenario, has_path: bool = False, has_verdicts
         yield Problem(("sensors",), str(error))
         return
     yield from _name_problems(scenario, has_verdicts_alone)
+    yield from find_unknown_input_problems(scenario)
     yield from find_analysis_problems(scenario)
     if has_verdicts_alone:
         return

@@ -70,6 +70,7 @@ class Scenario(ScenarioTable):
     sensors: tuple[family_of(obsdesign.sensors), ...] = Field(  # pyright: ignore[reportInvalidTypeForm]
         default=(), description="what measures, each by its kind and values", json_schema_extra={"minItems": 1}
     )
+    unknown_inputs: tuple[str, ...] = Field(default=(), description="inputs of the vehicle that nobody knows; of a [system]: its `unknown`")
     start: dict[str, float]
     """Initial value of each state, in its unit."""
     prior: dict[str, float] = Field(description="standard deviation of each state before the first measurement")
@@ -116,7 +117,7 @@ class Scenario(ScenarioTable):
             return TextSystem(self.system_text)
         from obsdesign.dynamics.system import System
 
-        return System(self.vehicle, self.sensors)  # pyright: ignore[reportArgumentType]  # there is a vehicle where there is no text
+        return System(self.vehicle, self.sensors, self.unknown_inputs)  # pyright: ignore[reportArgumentType]  # there is a vehicle where there is no text
 
     @cached_property
     def system_text(self) -> SystemText | None:
@@ -143,7 +144,9 @@ class Scenario(ScenarioTable):
     @property
     def inputs(self) -> tuple[Signal, ...]:
         """The known inputs."""
-        return self._signals_of("inputs") if self.system_text is None else self.system_text.input_signals
+        if self.system_text is not None:
+            return self.system_text.input_signals
+        return tuple(signal for signal in self._signals_of("inputs") if signal.name not in self.unknown_inputs)
 
     def _signals_of(self, what: Literal["states", "inputs"]) -> tuple[Signal, ...]:
         """Those of the vehicle."""

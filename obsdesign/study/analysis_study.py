@@ -61,8 +61,10 @@ def analyse_scenario(scenario: Scenario, seed: int | None = None, progress: Prog
     for done, case in enumerate(cases):
         if progress is not None:
             progress(f"{done} of {len(cases)} cases")
-        model, known_inputs = scenario.system.model.only(case.sensors), scenario.analysis.known_inputs
-        verdict = observability_of(model, at, case.manoeuvre.held, case.disturbance, known_inputs, seed)
+        model, settings = scenario.system.model.only(case.sensors), scenario.analysis
+        verdict = observability_of(
+            model, at, case.manoeuvre.held, case.disturbance, settings.known_inputs, seed, known_at_start=settings.known_at_start
+        )
         analyses.append(Analysis(case.manoeuvre.name, case.sensors, verdict))
     return AnalysisStudy(scenario, seed, at, tuple(analyses))
 

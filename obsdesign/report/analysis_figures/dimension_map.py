@@ -27,7 +27,7 @@ def picture(cases: Sequence[Analysis]) -> Picture | None:
         axes = figure.add_subplot()
         for analysis in cases:
             column, row = names.index(analysis.manoeuvre), suites.index(analysis.sensors)
-            share = analysis.verdict.dimension / n
+            share = analysis.verdict.dimension / len(analysis.verdict.null_space)
             axes.add_patch(Rectangle((column - 0.48, row - 0.46), 0.96, 0.92, facecolor=FAINT, alpha=0.4))
             colour = GREEN if analysis.verdict.observable else ORANGE
             axes.add_patch(Rectangle((column - 0.48, row - 0.46), 0.96 * share, 0.92, facecolor=colour, alpha=0.55))
