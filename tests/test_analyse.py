@@ -91,9 +91,7 @@ WRONG = {
 
 def test_an_unknown_input_that_the_vehicle_does_not_have_is_named(tmp_path: Path):
     (tmp_path / "wrong.toml").write_text('unknown_inputs = ["forwards"]\n' + LANDMARKS)
-    with pytest.raises(
-        od.ScenarioError, match="unknown_inputs: is 'forwards': must be one of .*; did you mean 'forward'"
-    ):
+    with pytest.raises(od.ScenarioError, match=r"unknown_inputs: is 'forwards': must be one of .*; did you mean 'forward'"):
         load_scenario_to_analyse(tmp_path / "wrong.toml")
 
 

@@ -30,7 +30,6 @@ def analysis_page(study: AnalysisStudy) -> str:
 
 def _headline(study: AnalysisStudy) -> tuple[KeyNumber, ...]:
     """Return what all sensors together see in each case, the first few."""
-    n = len(study.scenario.state_names)
-    return tuple(
-        KeyNumber("sees", f"{analysis.verdict.dimension} of {n}", case_name(study, analysis)) for analysis in study.of_all_sensors[:6]
-    )
+    shown = study.of_all_sensors[:6]
+    counts = (f"{analysis.verdict.dimension} of {len(analysis.verdict.null_space)}" for analysis in shown)
+    return tuple(KeyNumber("sees", count, case_name(study, analysis)) for count, analysis in zip(counts, shown, strict=True))

@@ -112,5 +112,9 @@ def cases_apart(study: AnalysisStudy) -> tuple[Analysis, ...]:
 
 def case_name(study: AnalysisStudy, analysis: Analysis) -> str:
     """Return what a case is called: its manoeuvre, and its disturbance where there are several classes."""
-    names = (analysis.manoeuvre, len(study.manoeuvres)), (analysis.verdict.disturbance, len(study.disturbances))
+    disturbance = _DISTURBANCES.get(analysis.verdict.disturbance, f"disturbance {analysis.verdict.disturbance}")
+    names = (analysis.manoeuvre, len(study.manoeuvres)), (disturbance, len(study.disturbances))
     return ", ".join(name for name, count in names if count > 1) or analysis.manoeuvre
+
+
+_DISTURBANCES = {"arbitrary": "any disturbance", "polynomial of degree 0": "constant disturbance"}

@@ -18,13 +18,14 @@ def picture(study: AnalysisStudy) -> Picture | None:
     longest = max(len(analysis.verdict.ranks) for analysis in cases)
     if longest == 1:
         return None
-    n = len(study.scenario.state_names)
+    n = max(len(analysis.verdict.null_space) for analysis in cases)
 
     def paint(figure: Figure) -> None:
         """Draw on the figure."""
         axes = figure.add_subplot()
         light_grid(axes)
-        axes.axhline(n, color=INK, linestyle="--", linewidth=1.0, label="all states")
+        if all(len(analysis.verdict.null_space) == n for analysis in cases):
+            axes.axhline(n, color=INK, linestyle="--", linewidth=1.0, label="all states")
         for i, analysis in enumerate(cases):
             ranks = np.array([*analysis.verdict.ranks, *[analysis.verdict.ranks[-1]] * (longest - len(analysis.verdict.ranks))])
             colour = (BLUE, *OTHER_PATHS)[i % (1 + len(OTHER_PATHS))]

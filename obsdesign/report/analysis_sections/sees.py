@@ -28,7 +28,9 @@ def answer(study: AnalysisStudy) -> str:
         verdict = whole[0].verdict
         sees = f"all {n} states" if verdict.observable else f"{verdict.dimension} of {n} dimensions: {verdict.hidden}"
         return f"{who} see{'s' if who == 'The sensor' else ''} {sees}.{_smaller(study)}"
-    said = f"in {join(good)}" if 0 < len(good) < len(whole) else "in every case" if good else "in no case"
+    said = (
+        f"in {len(good)} of {len(whole)} cases ({join(good)})" if 0 < len(good) < len(whole) else "in every case" if good else "in no case"
+    )
     return f"{who} see{'s' if who == 'The sensor' else ''} all {n} states {said}.{_smaller(study)}"
 
 
