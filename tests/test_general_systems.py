@@ -196,3 +196,14 @@ def test_linear_systems_sampled_exactly_have_the_rank_of_kalman(seed: int, perio
     assert od.observability(seeing).observable
     verdict = od.observability(blind)
     assert (verdict.dimension, verdict.decided) == (2, period == 1.0)
+
+
+def test_constants_of_a_rate_are_not_rounded_together():
+    # a' = (0.1 + 0.2 u) c and b' = 0.2 u c + 0.1 c are one rate: of a - b alone nothing but a - b is seen, and that is decided
+    x, u = ca.SX.sym("x", 3), ca.SX.sym("u")
+    rate = ca.vertcat((0.1 + 0.2 * u) * x[2], 0.2 * u * x[2] + 0.1 * x[2], 0)
+    general = od.GeneralSystem(x, ("a", "b", "c"), rates=rate, inputs={"u": u}, outputs={"y": x[0] - x[1]})
+    affine = od.ControlAffineSystem.from_rate(x, ("a", "b", "c"), rate, {"u": u}, outputs={"y": x[0] - x[1]})
+    for system in (general, affine):
+        verdict = od.observability(system)
+        assert (verdict.dimension, verdict.decided) == (1, True)

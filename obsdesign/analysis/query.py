@@ -65,7 +65,7 @@ def observability(  # the public contract
         held: known inputs kept at a value, by name, in their units.
         disturbance: what the unknown inputs may be: "arbitrary" smooth functions of time, or Polynomial(degree).
         known_inputs: "any", switching ones included, under each of which the unknown inputs are the same; "smooth": one smooth
-            signal, to which the unknown inputs may react.
+            signal, to which the unknown inputs may react; of a map several runs from one state under the same unknown inputs, or one run.
         seed: seed of the generic points.
         known_at_start: names of states that are known at the instant that is asked about, and not read later: their unit covectors join
             what the outputs tell, once; none of their rates is known by that.

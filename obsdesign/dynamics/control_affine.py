@@ -84,13 +84,14 @@ class ControlAffineSystem(AbstractSystem):
             for i in range(rate.numel()):
                 if ca.depends_on(slopes[i, j], symbols):
                     raise InputError(f"the rate of {names[i]} = {abbreviate(rate[i])} is not affine in {name!r}")
-        # values, not slopes: a derivative would round products of constants
         drift = ca.substitute(rate, symbols, ca.SX.zeros(symbols.numel())) if inputs else rate
         column = {}
         for j, name in enumerate(inputs):
             unit = ca.SX([float(k == j) for k in range(len(inputs))])
             is_driven = ca.densify(ca.SX([float(slopes[i, j].nnz() > 0) for i in range(rate.numel())]))
-            column[name] = is_driven * (ca.substitute(rate, symbols, unit) - drift)
+            value = is_driven * (ca.substitute(rate, symbols, unit) - drift)
+            # either may have rounded what constants make together
+            column[name] = ca.densify(slopes[:, j]) if _constants_of(slopes[:, j]) <= _constants_of(rate) | {0.0, 1.0, -1.0} else value
         groups = [{name: column[name] for name in group} for group in (known, unknown)]
         seen = ca.vertcat(*(outputs or {}).values()) if outputs else ca.SX(0, 1)
         signals = {name: symbol for name, symbol in known.items() if ca.depends_on(seen, symbol)}
@@ -217,6 +218,14 @@ class ControlAffineSystem(AbstractSystem):
     def __dask_tokenize__(self) -> tuple[object, ...]:
         """What a dask executor knows an argument by; it cannot make that out of CasADi expressions."""
         return self._key
+
+
+def _constants_of(expression: ca.SX) -> set[float]:
+    import casadi as ca
+
+    function = ca.Function("expression", ca.symvar(expression), [ca.densify(expression)])
+    constants = (k for k in range(function.n_instructions()) if function.instruction_id(k) == ca.OP_CONST)
+    return {function.instruction_constant(k) for k in constants}
 
 
 def _restore(
