@@ -90,11 +90,13 @@ def _refine(
     """
     apply, (target, ceiling) = map if executor is None else executor.map, marks
     lower, upper = families[0].box(problem.grid)
-    selected, refined = _best_distinct(coarse, target, upper - lower), []
-    for batch in (selected[:1], selected[1:]):
+    candidates, refined = _best_distinct(coarse, target, upper - lower), []
+    near = _near_the_best(candidates, target)
+    for is_first in (True, False):
+        batch = near[:1] if is_first else candidates[1:] if _gains_much(near[:1], refined) else near[1:]
         target = _best_objective(refined, target)
         tasks = [LocalSolve(problem, solution.name, solution.u, families[1:], True, target=target, ceiling=ceiling) for solution in batch]
-        solutions = report.count(apply(solve_locally, tasks), len(selected), "refined", len(refined))
+        solutions = report.count(apply(solve_locally, tasks), len(refined) + len(batch), "refined", len(refined))
         refined += [
             replace(solution, iterations=solution.iterations + coarse_solution.iterations)
             for solution, coarse_solution in zip(solutions, batch, strict=True)
@@ -120,20 +122,36 @@ def usable_starts(problem: DesignProblem, seed: int) -> Iterator[tuple[str, np.n
 
 
 def _best_distinct(coarse: Sequence[LocalSolution], target: float, width: np.ndarray) -> list[LocalSolution]:
-    """Return the best few distinct coarse optima that are near enough to an objective that is there; where there is none, the first few.
+    """Return the best few distinct coarse optima; where there is none, the first few, but for a target that is there.
 
     width (q,): of the box of the coarse family.
     """
     successful = sorted((solution for solution in coarse if solution.status.has_answer), key=lambda solution: -solution.objective)
     if not successful:
         return list(coarse[: 0 if np.isfinite(target) else _MAX_REFINED])
-    lowest = near_best(max(target, successful[0].objective))
     selected: list[LocalSolution] = []
     for candidate in successful:
         is_same = any(_is_same_optimum(candidate, earlier, width) for earlier in selected)
-        if candidate.objective >= lowest and len(selected) < _MAX_REFINED and not is_same:
+        if len(selected) < _MAX_REFINED and not is_same:
             selected.append(candidate)
     return selected
+
+
+def _near_the_best(candidates: Sequence[LocalSolution], target: float) -> list[LocalSolution]:
+    """Those coarse optima, the best one first, from which a finer climb may end above the best of them and an objective that is there."""
+    if not candidates or not candidates[0].status.has_answer:
+        return list(candidates)
+    lowest = near_best(max(target, candidates[0].objective))
+    return [candidate for candidate in candidates if candidate.objective >= lowest]
+
+
+def _gains_much(coarse: Sequence[LocalSolution], refined: Sequence[LocalSolution]) -> bool:
+    """Whether the first finer climb gained more than coarse optima may lie apart: then those say little of where climbs from them end."""
+    return any(
+        before.objective < near_best(after.objective)
+        for before, after in zip(coarse, refined, strict=True)
+        if before.status.has_answer and after.status.has_answer
+    )
 
 
 def _is_same_optimum(a: LocalSolution, b: LocalSolution, width: np.ndarray) -> bool:

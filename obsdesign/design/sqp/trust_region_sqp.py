@@ -131,7 +131,7 @@ def _take_step(merit_function: MeritFunction, state: SolverState, tolerance: flo
     derivatives = merit_function.program.derivatives(state.iterate.evaluation) if state.derivatives is None else state.derivatives
     model = build_model(merit_function, state.iterate, derivatives, state.multipliers, state.at_bound, state.scaling)
     state = replace(state, derivatives=derivatives)
-    predicted_reduction, is_solved = np.inf, False
+    predicted_reduction, is_solved, is_refused = np.inf, False, False
     while state.radius > _MIN_RADIUS:
         solution = solve_model(model, state.scaling, state.radius)
         if solution is None:
@@ -155,8 +155,9 @@ def _take_step(merit_function: MeritFunction, state: SolverState, tolerance: flo
             accepted = replace(state, iterate=trial, at_bound=at_bound, radius=radius, derivatives=None)
             return _StepOutcome(accepted, True, predicted_reduction, True)
         state = replace(state, radius=0.35 * min(step_length, state.radius))
-        # multipliers that the refused step has shown say how limits bend that were not active before
-        model = build_model(merit_function, state.iterate, derivatives, state.multipliers, at_bound, state.scaling)
+        if not is_refused:  # multipliers that the refused step has shown say how limits bend that were not active before
+            model = build_model(merit_function, state.iterate, derivatives, state.multipliers, at_bound, state.scaling)
+        is_refused = True
     return _StepOutcome(state, False, predicted_reduction, is_solved)
 
 
