@@ -12,6 +12,7 @@ from conftest import ROOT
 
 import obsdesign as od
 from obsdesign.cli import main
+from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.report.analysis_document import analysis_document
 from obsdesign.report.analysis_page import analysis_page
 from obsdesign.scenario.loading import load_scenario_to_analyse
@@ -129,3 +130,36 @@ def test_the_verb_writes_a_page_without_network_and_says_no_where_nothing_is_see
 def test_the_same_study_gives_the_same_page(tmp_path: Path):
     study = study_of(tmp_path, LANDMARKS)
     assert analysis_page(study) == analysis_page(study)
+
+
+def test_along_a_path_the_stretch_on_the_circle_is_the_one_that_hides_the_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Belo, Salaris and Bicchi: hidden for as long as the vehicle stays on the circle through the landmarks."""
+    file = ROOT / "scenarios" / "verdicts" / "three_landmarks.toml"
+    system = load_scenario_to_analyse(file).system
+    u = np.array([[1.0, 0.0, 0.05]] * 12 + [[1.0, 0.0, 0.0]] * 8)
+    path = od.simulate(system, [0.0, -20.0, 0.0, 0.0, 0.0, 0.0], u, 1.0)
+    (tmp_path / "path.csv").write_text(trajectory_csv(system, path))
+    words = ("analyse", str(file), "--along", str(tmp_path / "path.csv"), "--out", str(tmp_path / "out"), "--json")
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    along = json.loads(capsys.readouterr().out)["along"]
+    assert (end.value.code, along["rank"]) == (0, [5] * 12 + [6] * 8)
+    assert [(stretch["start"], stretch["end"], stretch["rank"]) for stretch in along["hidden"]] == [(0.0, 12.0, 5)]
+    assert "For 60.0\u202f% of the time, on 1 stretch" in (tmp_path / "out" / "analysis.html").read_text()
+
+
+def test_along_a_log_the_motion_is_that_of_the_filter(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """Standing still, one distance tells one of three states; driving in a bend all of them."""
+    rows = ["t [s],signal,value"]
+    for k in range(40):
+        rows += [f"{0.5 * k},speed [m/s],{float(k >= 20)}", f"{0.5 * k},turn_rate [rad/s],{0.3 * (k >= 20)}", f"{0.5 * k},range [m],30.0"]
+    (tmp_path / "drive.csv").write_text("\n".join(rows))
+    (tmp_path / "drive.toml").write_text(
+        'vehicle = {kind = "unicycle"}\nsensors = [{kind = "gps", sigma = 1.0}, {kind = "range", beacon = [30.0, 0.0], sigma = 1.0}]\n'
+        "start = {x = 0.0, y = 0.0, heading = 0.0}\nprior = {x = 1.0, y = 1.0, heading = 0.2}\n[replay]\n"
+    )
+    words = ("analyse", str(tmp_path / "drive.toml"), "--along", str(tmp_path / "drive.csv"), "--out", str(tmp_path / "out"), "--json")
+    with pytest.raises(SystemExit):
+        main(words)
+    along = json.loads(capsys.readouterr().out)["along"]
+    assert [(stretch["start"], stretch["end"], stretch["rank"]) for stretch in along["hidden"]] == [(0.0, 10.0, 2)]

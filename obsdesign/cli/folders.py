@@ -20,6 +20,17 @@ def path_file(given: Path) -> Path:
     return given / "trajectory.csv" if given.is_dir() else given
 
 
+def is_log(file: Path) -> bool:
+    """Whether a file is a log: any but a CSV table, and of those all that have no column x, the first state of every path."""
+    if file.is_dir() or not file.exists():
+        return False
+    if file.suffix.lower() != ".csv":
+        return True
+    with file.open(encoding="utf-8", errors="replace") as lines:
+        names = [name.partition("[")[0].strip() for name in lines.readline().split(",")]
+    return "x" not in names
+
+
 def scenario_file(given: Path | None) -> Path:
     """Return the scenario that is given, or the one in this folder. Raises InputError where there is none, or several."""
     if given is not None:

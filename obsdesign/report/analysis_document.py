@@ -7,7 +7,29 @@ from pydantic import Field
 from obsdesign.report.document_parts import DocumentPart, ScenarioPart, VerdictPart
 from obsdesign.report.expectations import Expectation, check_expectations
 from obsdesign.report.question_to_document import scenario_part, verdict_part, versions
+from obsdesign.study.analysis_along import AlongPath
 from obsdesign.study.analysis_study import AnalysisStudy
+
+
+class StretchPart(DocumentPart):
+    """A stretch of a path on which outputs and their derivatives do not tell the state."""
+
+    start: float = Field(description="[s]")
+    end: float = Field(description="[s]")
+    rank: int = Field(description="how many directions are seen")
+    null_space: list[list[float]] = Field(description="orthonormal hidden directions, each a list over the states")
+
+
+class AlongPart(DocumentPart):
+    """How near the motion along a path comes to hiding the state."""
+
+    name: str
+    orders: int = Field(description="up to which order derivatives were taken")
+    t: list[float] = Field(description="[s]")
+    nearness: list[float] = Field(description="smallest singular value over the largest; 0: something is hidden")
+    rank: list[int]
+    hidden: list[StretchPart]
+    notes: list[str]
 
 
 class AnalysisDocument(DocumentPart):
@@ -18,6 +40,7 @@ class AnalysisDocument(DocumentPart):
     versions: dict[str, str]
     at: dict[str, float] | None = Field(description="the state that is asked about; null: almost every one")
     verdicts: dict[str, dict[str, dict[str, VerdictPart]]] = Field(description="by manoeuvre, by disturbance, by sensors joined with +")
+    along: AlongPart | None = Field(default=None, description="null: no path was given")
     expected: list[Expectation]
 
 
@@ -34,6 +57,21 @@ def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
         versions=versions(),
         at=None if study.at is None else dict(zip(scenario.state_names, study.at.tolist(), strict=True)),
         verdicts=verdicts,
+        along=None if study.along is None else _along_part(study.along),
         expected=[],
     )
     return draft.model_copy(update={"expected": check_expectations(scenario.expected, draft.model_dump())})
+
+
+def _along_part(along: AlongPath) -> AlongPart:
+    found = along.found
+    stretches = [StretchPart(start=i.start, end=i.end, rank=i.rank, null_space=i.null_space.T.tolist()) for i in found.hidden]
+    return AlongPart(
+        name=along.name,
+        orders=found.orders,
+        t=found.t.tolist(),
+        nearness=found.nearness.tolist(),
+        rank=found.rank.tolist(),
+        hidden=stretches,
+        notes=list(along.notes),
+    )

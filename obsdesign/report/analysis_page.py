@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from obsdesign.report.analysis_sections import hidden, sees
+from obsdesign.report.analysis_sections import along, hidden, sees
 from obsdesign.report.page import environment
 from obsdesign.report.question_to_document import versions
 from obsdesign.report.section import KeyNumber
@@ -11,7 +11,8 @@ from obsdesign.study.analysis_study import AnalysisStudy, case_name
 
 def analysis_page(study: AnalysisStudy) -> str:
     """Return the page: HTML without any reference to the network; the same study gives the same text."""
-    parts = tuple(filter(None, (sees.section(study), hidden.section(study), hidden.growth_section(study))))
+    motion = None if study.along is None else along.section(study.along)
+    parts = tuple(filter(None, (sees.section(study), hidden.section(study), motion, hidden.growth_section(study))))
     scenario = study.scenario
     return (
         environment()

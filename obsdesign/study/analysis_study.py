@@ -15,6 +15,7 @@ from obsdesign.arguments import validate_arguments
 from obsdesign.progress import Progress
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.tables import Manoeuvre
+from obsdesign.study.analysis_along import AlongPath
 from obsdesign.study.record import Analysis
 
 _FEW_SENSORS = 5  # of which every subset is looked at
@@ -22,12 +23,16 @@ _FEW_SENSORS = 5  # of which every subset is looked at
 
 @dataclass(frozen=True, eq=False)
 class AnalysisStudy:
-    """The verdicts of a scenario: sensors within manoeuvres within disturbances; at (n,): the state asked about, None = generic."""
+    """The verdicts of a scenario: sensors within manoeuvres within disturbances; at (n,): the state asked about, None = generic.
+
+    along: what the motion along a path or a log hides, None where there is none.
+    """
 
     scenario: Scenario
     seed: int
     at: np.ndarray | None
     analyses: tuple[Analysis, ...]
+    along: AlongPath | None = None
 
     @property
     def manoeuvres(self) -> tuple[str, ...]:

@@ -44,11 +44,16 @@ def log_setup(file: Path, options: Namespace) -> LogSetup:
         from obsdesign.study.log_setup import file_setup
 
         return file_setup(file)
+    return setup_of(file, options.scenario, options)
+
+
+def setup_of(file: Path, scenario_file: Path, options: Namespace) -> LogSetup:
+    """Return a log with the scenario that it is replayed with."""
     from obsdesign.scenario.loading import load_scenario_of_log
     from obsdesign.scenario.log_defaults import read_landmarks
 
     landmarks = {} if options.landmarks is None else read_landmarks(options.landmarks)
-    scenario = load_scenario_of_log(options.scenario, landmarks)
+    scenario = load_scenario_of_log(scenario_file, landmarks)
 
     from obsdesign.study.log_setup import scenario_setup
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
-from obsdesign.cli.folders import path_file, require_writable
+from obsdesign.cli.folders import is_log, path_file, require_writable
 from obsdesign.cli.progress import progress_teller
 from obsdesign.cli.verb import LANDMARKS, QUIET, SEED, Argument, Outcome, Verb, out_argument
 from obsdesign.cli.verbs.replay import TOPICS, log_setup
@@ -14,18 +14,7 @@ from obsdesign.errors import ExitCode, InputError
 
 def select(options: Namespace) -> Outcome:
     """Choose the sensors along a path from a file, along that of an earlier run, or of those that a log has samples of."""
-    return _select_of_log(options) if _is_log(options.path) else _select_along(options)
-
-
-def _is_log(file: Path) -> bool:
-    """Whether a file is a log: any but a CSV table, and of those all that have no column x, the first state of every path."""
-    if file.is_dir() or not file.exists():
-        return False
-    if file.suffix.lower() != ".csv":
-        return True
-    with file.open(encoding="utf-8", errors="replace") as lines:
-        names = [name.partition("[")[0].strip() for name in lines.readline().split(",")]
-    return "x" not in names
+    return _select_of_log(options) if is_log(options.path) else _select_along(options)
 
 
 def _select_of_log(options: Namespace) -> Outcome:

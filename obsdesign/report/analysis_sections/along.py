@@ -1,0 +1,48 @@
+"""Where does the motion hide the state?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from obsdesign.information.singular_motion import Singularities
+from obsdesign.report.analysis_figures import nearness
+from obsdesign.report.number_format import numeral, percent
+from obsdesign.report.section import Section
+from obsdesign.report.table import Table, TableColumn, tabulate
+from obsdesign.study.analysis_along import AlongPath
+
+_LARGE = 1e-6  # of a direction's largest entry, whatever its unit: less is rounding
+
+
+def section(along: AlongPath) -> Section:
+    """Return how near the motion comes to hiding the state, and on which stretches it does."""
+    found = along.found
+    tables = (_stretches_table(found),) if found.hidden else ()
+    return Section("along", f"Where does {along.name} hide the state?", answer(found), (nearness.picture(found),), tables, along.notes)
+
+
+def answer(found: Singularities) -> str:
+    """Say for which share of the time something is hidden, or when it is nearest to that."""
+    n = len(found.names)
+    if not found.hidden:
+        weakest = int(found.nearness.argmin())
+        near = f"it is nearest to that at {numeral(float(found.t[weakest]))} s, {numeral(float(found.nearness[weakest]))} of the largest"
+        return f"Nowhere: outputs and their derivatives tell all {n} states all along; {near}."
+    share = float(np.mean(found.rank < n))
+    return f"For {percent(share)} of the time, on {len(found.hidden)} stretch{'es' * (len(found.hidden) > 1)}."
+
+
+def _stretches_table(found: Singularities) -> Table:
+    """When something is hidden, how many directions are seen, and what the others are made of."""
+    rows = []
+    for interval in found.hidden:
+        parts = [_direction(vector, found.names) for vector in interval.null_space.T]
+        rows.append((f"{numeral(interval.start)} to {numeral(interval.end)} s", f"{interval.rank} of {len(found.names)}", "; ".join(parts)))
+    columns = (TableColumn("stretch"), TableColumn("seen"), TableColumn("hidden: what may change together"))
+    return tabulate("Stretches that hide something", "Good would be none.", columns, rows)
+
+
+def _direction(vector: np.ndarray, names: tuple[str, ...]) -> str:
+    """A direction in words: its entries over the largest, small ones left out."""
+    scaled = vector / vector[np.abs(vector).argmax()]
+    return ", ".join(f"{numeral(float(value))} {name}" for name, value in zip(names, scaled, strict=True) if abs(value) > _LARGE)
