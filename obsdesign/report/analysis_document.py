@@ -64,14 +64,14 @@ def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
 
 
 def _along_part(along: AlongPath) -> AlongPart:
-    found = along.found
-    stretches = [StretchPart(start=i.start, end=i.end, rank=i.rank, null_space=i.null_space.T.tolist()) for i in found.hidden]
+    motion = along.motion
+    stretches = [StretchPart(start=i.start, end=i.end, rank=i.rank, null_space=i.null_space.T.tolist()) for i in motion.hidden]
     return AlongPart(
         name=along.name,
-        orders=found.orders,
-        t=found.t.tolist(),
-        nearness=found.nearness.tolist(),
-        rank=found.rank.tolist(),
+        orders=motion.orders,
+        t=motion.t.tolist(),
+        nearness=motion.nearness.tolist(),
+        rank=motion.rank.tolist(),
         hidden=stretches,
         notes=list(along.notes),
     )

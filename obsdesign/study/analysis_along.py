@@ -16,7 +16,7 @@ class AlongPath:
     """What the motion along a path hides; name: what the path is called; notes: what was made of its file."""
 
     name: str
-    found: Singularities
+    motion: Singularities
     notes: tuple[str, ...] = ()
 
 

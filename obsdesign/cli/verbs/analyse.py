@@ -39,7 +39,7 @@ def analyse(options: Namespace) -> Outcome:
     write_analysis(folder, study, document)
     missed = unmet_lines(document.expected, FILES[1])
     sees_nothing_whole = not document.expected and not any(analysis.verdict.observable for analysis in study.of_all_sensors)
-    moved = () if study.along is None else (str(study.along.found),)
+    moved = () if study.along is None else (str(study.along.motion),)
     shown = (analysis_summary(study), *moved, f"\nWritten to {folder}/: open {FILES[0]}")
     code = ExitCode.NO if missed or sees_nothing_whole else ExitCode.DONE
     return Outcome(document.model_dump(mode="json"), shown, missed, code)

@@ -16,28 +16,30 @@ _LARGE = 1e-6  # of a direction's largest entry, whatever its unit: less is roun
 
 def section(along: AlongPath) -> Section:
     """Return how near the motion comes to hiding the state, and on which stretches it does."""
-    found = along.found
-    tables = (_stretches_table(found),) if found.hidden else ()
-    return Section("along", f"Where does {along.name} hide the state?", answer(found), (nearness.picture(found),), tables, along.notes)
+    motion = along.motion
+    tables = (_stretches_table(motion),) if motion.hidden else ()
+    return Section("along", f"Where does {along.name} hide the state?", answer(motion), (nearness.picture(motion),), tables, along.notes)
 
 
-def answer(found: Singularities) -> str:
+def answer(motion: Singularities) -> str:
     """Say for which share of the time something is hidden, or when it is nearest to that."""
-    n = len(found.names)
-    if not found.hidden:
-        weakest = int(found.nearness.argmin())
-        near = f"it is nearest to that at {numeral(float(found.t[weakest]))} s, {numeral(float(found.nearness[weakest]))} of the largest"
+    n = len(motion.names)
+    if not motion.hidden:
+        weakest = int(motion.nearness.argmin())
+        near = f"it is nearest to that at {numeral(float(motion.t[weakest]))} s, {numeral(float(motion.nearness[weakest]))} of the largest"
         return f"Nowhere: outputs and their derivatives tell all {n} states all along; {near}."
-    share = float(np.mean(found.rank < n))
-    return f"For {percent(share)} of the time, on {len(found.hidden)} stretch{'es' * (len(found.hidden) > 1)}."
+    share = float(np.mean(motion.rank < n))
+    return f"For {percent(share)} of the time, on {len(motion.hidden)} stretch{'es' * (len(motion.hidden) > 1)}."
 
 
-def _stretches_table(found: Singularities) -> Table:
+def _stretches_table(motion: Singularities) -> Table:
     """When something is hidden, how many directions are seen, and what the others are made of."""
     rows = []
-    for interval in found.hidden:
-        parts = [_direction(vector, found.names) for vector in interval.null_space.T]
-        rows.append((f"{numeral(interval.start)} to {numeral(interval.end)} s", f"{interval.rank} of {len(found.names)}", "; ".join(parts)))
+    for interval in motion.hidden:
+        parts = [_direction(vector, motion.names) for vector in interval.null_space.T]
+        rows.append(
+            (f"{numeral(interval.start)} to {numeral(interval.end)} s", f"{interval.rank} of {len(motion.names)}", "; ".join(parts))
+        )
     columns = (TableColumn("stretch"), TableColumn("seen"), TableColumn("hidden: what may change together"))
     return tabulate("Stretches that hide something", "Good would be none.", columns, rows)
 
