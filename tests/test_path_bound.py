@@ -208,6 +208,19 @@ def test_a_limit_taken_away_never_lowers_it():
         assert more.bound >= BOUND_WITH_GOAL.bound * (1 - 1e-4)  # to the tolerance of the search for multipliers
 
 
+@pytest.mark.parametrize("share", [1e-12, 1e-8, 1e-4])
+def test_a_goal_of_any_size_never_raises_it(share):
+    # nearly an equation between chords: its multiplier is not small
+    free, random = short_mission(), np.random.default_rng(5)
+    without = path_bound_of(free).bound
+    for _ in range(2):
+        path = free.path_of(parameters(free, random))
+        problem = short_mission(constraints=(od.Goal(tuple(path.x[-1, :2]), tolerance=share * 36.0),))
+        proof = path_bound_of(problem)
+        assert problem.value(path) <= proof.bound <= without * (1 + 1e-4)
+        assert od.check_path_bound(problem, proof.certificate) == proof.bound
+
+
 def turn(angle: float, mirror: bool = False) -> od.DesignProblem:
     """The mission with its goal, all turned about the origin, or mirrored at the x axis as well."""
     sign = -1.0 if mirror else 1.0

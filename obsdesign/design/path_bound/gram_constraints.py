@@ -10,6 +10,9 @@ from obsdesign.design.path_bound.arcs import Arcs
 from obsdesign.design.path_bound.motion import AllowedMotion
 
 _WIDEST_TURN = 2.331122370414423  # [rad]: where (1 - cos s) / s is largest, tan(s / 2) = s
+_LEAST_RADIUS = (
+    1e-5  # of the longest way: a smaller disc is raised to it, which only adds paths; next to 0 its multiplier grows beyond digits
+)
 _ROOM = 1 + 1e-12  # what rounding of a limit's few products may take off
 
 
@@ -27,6 +30,12 @@ class GramConstraints:
     spread: np.ndarray
     is_two_sided: np.ndarray
     largest_trace: float
+
+    def without_last(self, count: int) -> GramConstraints:
+        """Return the constraints without so many of the last, which are those on where the path ends."""
+        kept = slice(0, len(self.limits) - count)
+        parts = self.coefficients[kept], self.limits[kept], self.spread[kept], self.is_two_sided[kept]
+        return GramConstraints(self.U, *parts, self.largest_trace)
 
     def admissible(self, multipliers: np.ndarray) -> np.ndarray:
         """Return multipliers (m,) that are not below 0 where a constraint is one-sided."""
@@ -144,4 +153,4 @@ def _add_ends(rows: _Rows, motion: AllowedMotion) -> None:
     for end in motion.ends:
         entries = {2 + j: steps / motion.steps for j, steps in enumerate(motion.lengths)}
         entries |= {0: -float(end.point[0]) / way, 1: -float(end.point[1]) / way}
-        rows.add({rows.column(entries): 1.0}, (end.radius / way + 1e-13) ** 2 * _ROOM)
+        rows.add({rows.column(entries): 1.0}, (max(end.radius / way, _LEAST_RADIUS) + 1e-13) ** 2 * _ROOM)

@@ -122,8 +122,18 @@ def first_guess(relaxation: GramRelaxation, value: float) -> float:
 def least_proof(relaxation: GramRelaxation, guess: float, tolerance: float = _TOLERANCE) -> DualPoint | None:
     """Return the least level, to a relative tolerance, whose proof goes through; None where no more is proven than what no path changes.
 
-    The level is raised a little until the check goes through, rounding included.
+    Where none goes through with the ends that paths must reach, those count for nothing.
     """
+    proof, ends = _checked_proof(relaxation, guess, tolerance), len(relaxation.motion.ends)
+    if proof is not None or not ends:
+        return proof
+    free = replace(relaxation, constraints=relaxation.constraints.without_last(ends))
+    proof = _checked_proof(free, guess, tolerance)
+    return None if proof is None else replace(proof, multipliers=np.append(proof.multipliers, np.zeros(ends)))
+
+
+def _checked_proof(relaxation: GramRelaxation, guess: float, tolerance: float) -> DualPoint | None:
+    """Return the least level, raised a little until the check goes through, rounding included."""
     proof = least_level(relaxation, guess, tolerance)
     if proof is None:
         return None
