@@ -109,20 +109,20 @@ def _informations(problem: LinearProblem) -> Iterator[arb_mat]:
     """Yield J about (b, x_k) after the samples at t_k, at t_N before them."""
     nuisance, F, B = problem.nuisance, *_steps_of(problem)
     decays, drivings = nuisance.decays(problem.paces), nuisance.driving_covariances(problem.paces)
-    known, exchange = _before_samples(problem), _exchange(F[0], B[0])
+    knowledge, exchange = _before_samples(problem), _exchange(F[0], B[0])
     for k in range(len(F)):
-        known = _after_samples(problem, known, k)
-        yield known.J
+        knowledge = _after_samples(problem, knowledge, k)
+        yield knowledge.J
         if k and not (np.array_equal(F[k], F[k - 1]) and np.array_equal(B[k], B[k - 1])):
             exchange = _exchange(F[k], B[k])
         decay, driving = _matrix(np.diag(decays[k])), _matrix(drivings[k])
-        known = _Knowledge(known.J, (decay * known.M).mid(), (decay * known.V * decay + driving).mid())
+        knowledge = _Knowledge(knowledge.J, (decay * knowledge.M).mid(), (decay * knowledge.V * decay + driving).mid())
         for q in exchange.Q:
-            known = known.move_along(q, 0)
-        known = known.transform(exchange.X)
+            knowledge = knowledge.move_along(q, 0)
+        knowledge = knowledge.transform(exchange.X)
         for column in problem.noise[k].T:
-            known = known.move_along(_matrix(column[:, None]), 1)
-    yield known.J
+            knowledge = knowledge.move_along(_matrix(column[:, None]), 1)
+    yield knowledge.J
 
 
 def _before_samples(problem: LinearProblem) -> _Knowledge:
@@ -140,9 +140,9 @@ def _steps_of(problem: LinearProblem) -> tuple[np.ndarray, np.ndarray]:
     return F, np.pad(lines.B[:, :, list(problem.unknown)], ((0, 0), (c, 0), (0, 0)))
 
 
-def _after_samples(problem: LinearProblem, known: _Knowledge, k: int) -> _Knowledge:
+def _after_samples(problem: LinearProblem, knowledge: _Knowledge, k: int) -> _Knowledge:
     """Return what is known after the samples at t_k, one output after the other as in `update_with_samples`."""
-    lines, J, M, V = problem.linearisation, known.J, known.M, known.V
+    lines, J, M, V = problem.linearisation, knowledge.J, knowledge.M, knowledge.V
     for i in map(int, np.flatnonzero((problem.counts[k] > 0) & np.isfinite(lines.missing[k]))):
         row = _matrix(np.concatenate([lines.bias_loads[k, i], lines.state_rows[k, i]])[None])
         z = problem.nuisance.coloured.index(i) if i in problem.nuisance.coloured else None

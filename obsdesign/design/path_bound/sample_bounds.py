@@ -79,14 +79,14 @@ def bounds_with_knowledge(
     problem: DesignProblem, positions: np.ndarray, heading: float, left_out: tuple[str, ...], blocks: np.ndarray | None = None
 ) -> SampleBounds:
     """Return weights of samples with those of what is known."""
-    known = _diagonal_above(np.asarray(problem.known))
+    prior_information = _diagonal_above(np.asarray(problem.known))
     if np.count_nonzero(np.asarray(problem.known) - np.diag(np.diag(np.asarray(problem.known)))):
         left_out = (*left_out, "what is known of one state with another")
     return SampleBounds(
         positions * _UP,
-        (heading + known[2]) * _UP * (1 + problem.steps * 1e-15),
-        float(known[:2].max()) * _UP,
-        (float(known[3:5].max()) if len(known) > 3 else 0.0) * _UP,
+        (heading + prior_information[2]) * _UP * (1 + problem.steps * 1e-15),
+        float(prior_information[:2].max()) * _UP,
+        (float(prior_information[3:5].max()) if len(prior_information) > 3 else 0.0) * _UP,
         left_out,
         None if blocks is None else blocks * _UP,
     )
@@ -139,15 +139,15 @@ def outer_weights(readings: Sequence[ReadingBound]) -> tuple[np.ndarray, np.ndar
     steps = len(readings[0].position)
     plain = sum((reading.position for reading in readings if reading.landmark is None), np.zeros(steps))
     positions, heading = plain.copy(), np.zeros(steps)
-    across, along = sum(float(each.across.sum()) for each in readings), sum(float(each.along.sum()) for each in readings)
+    across, along = sum(float(reading.across.sum()) for reading in readings), sum(float(reading.along.sum()) for reading in readings)
     total = float(plain.sum()) + along + across
     m = float(np.clip(np.sqrt(across / total), _LEAST_MIX, 1.0)) if total > 0 else 1.0
-    for landmark in dict.fromkeys(each.landmark for each in readings if each.landmark is not None):
-        here = [each for each in readings if each.landmark == landmark]
-        radial, tangential = (sum((getattr(each, side) for each in here), np.zeros(steps)) for side in ("along", "across"))
+    for landmark in dict.fromkeys(reading.landmark for reading in readings if reading.landmark is not None):
+        at_landmark = [reading for reading in readings if reading.landmark == landmark]
+        radial, tangential = (sum((getattr(reading, side) for reading in at_landmark), np.zeros(steps)) for side in ("along", "across"))
         positions += np.maximum(radial, (1 + 1 / m) * tangential)
-    for each in readings:
-        heading += each.heading * (1 + m if each.is_mixed else 1.0)
+    for reading in readings:
+        heading += reading.heading * (1 + m if reading.is_mixed else 1.0)
     return positions, heading
 
 
@@ -179,8 +179,8 @@ def _precision(system: System, name: str, sensor: AbstractSensor, distances: np.
         words += [f"that samples of {name} may fail to arrive"] if sensor.max_range or sensor.field_of_view else []
     for names, R in system.joint_noise.items():
         if name in names:
-            spread, least = _joint_spread(system, names, np.asarray(R), name)
-            share, variance = share * least, np.asarray(spread**2)
+            spread, smallest = _joint_spread(system, names, np.asarray(R), name)
+            share, variance = share * smallest, np.asarray(spread**2)
             words.append(f"how errors of {', '.join(names)} belong together")
     return _UP / (share * sensor.inflation**2 * variance), words
 
@@ -188,12 +188,12 @@ def _precision(system: System, name: str, sensor: AbstractSensor, distances: np.
 def _joint_spread(system: System, names: tuple[str, ...], R: np.ndarray, name: str) -> tuple[float, float]:
     """The least standard deviation of the sensor's outputs, and the least eigenvalue of the correlations, from below."""
     outputs = {group.name: group.outputs for group in sensor_groups(system.sensors)}
-    owner = np.array([each for each in names for _ in outputs[each]])
+    owner = np.array([sensor_name for sensor_name in names for _ in outputs[sensor_name]])
     spreads = np.sqrt(np.diag(R))
-    least = float(np.linalg.eigvalsh(R / spreads[:, None] / spreads)[0]) - 1e-12
-    if least <= 0:
+    smallest = float(np.linalg.eigvalsh(R / spreads[:, None] / spreads)[0]) - 1e-12
+    if smallest <= 0:
         raise InputError(f"{name}: its joint noise is singular")
-    return float(spreads[owner == name].min()), least
+    return float(spreads[owner == name].min()), smallest
 
 
 def nearest_distances(problem: DesignProblem, motion: AllowedMotion, landmark: Point) -> np.ndarray:
