@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import tomllib
+from itertools import pairwise
 
 import jsonschema
 import numpy as np
@@ -19,7 +20,7 @@ from obsdesign.report.replay_page import replay_page
 from obsdesign.scenario.loading import load_scenario_of_log
 from obsdesign.scenario.log_defaults import read_landmarks
 from obsdesign.study.log_setup import file_setup, scenario_setup
-from obsdesign.study.log_study import study_log
+from obsdesign.study.log_study import schedule_study, study_log
 
 LANDMARKS = {"a": (60.0, 0.0), "b": (0.0, 50.0), "c": (-40.0, -30.0)}
 SCENARIO = """
@@ -208,6 +209,47 @@ def test_the_documented_way_from_a_log_to_an_answer_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     before = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[:1]
     exec("".join([*before, "psd = (0.01, 0.01, 0.001)\n", *blocks["python"]]), {})  # noqa: S102
+
+
+def test_sensors_of_a_log_are_chosen_under_the_scenario_s_rules(tmp_path):
+    write_drive(tmp_path, steps=81)
+    text = SCENARIO.replace("restarts = 8", "restarts = 0\ncalibrate = 0.0").replace("segment = 20.0", "segment = 10.0")
+    rule = '[[selection.rules]]\nkind = "minimum_dwell"\nleast = 3\n'
+    found = {}
+    for name, more in {"free": "[selection]\n", "dwell": f"[selection]\ngap = 1e-6\nquestion = 'start'\n{rule}"}.items():
+        (tmp_path / "my.toml").write_text(text + more)
+        found[name] = schedule_study(setup(tmp_path), 0)
+    free, dwell = found["free"].schedule, found["dwell"].schedule
+    assert has_dwell(dwell.chosen, 3) and not has_dwell(free.chosen, 3) and dwell.value >= free.bound and dwell.gap <= 1e-6
+    drive = found["dwell"].replay
+    again = drive.schedule(1, 10.0, rules=(od.MinimumDwell(3),), gap=1e-6)
+    np.testing.assert_array_equal(again.chosen, dwell.chosen)
+    assert "of [selection] not asked of a log: question; sensors are chosen for the filter" in found["dwell"].notes
+    assert not any("not asked" in note for note in found["free"].notes)
+
+
+def has_dwell(chosen, least):
+    """Whether every stretch of a sensor being on that begins and ends within the log is at least so long."""
+    for column in chosen.T:
+        edges = np.flatnonzero(np.diff(column.astype(int)))
+        runs = [(a + 1, b + 1) for a, b in pairwise(edges) if column[a + 1]]
+        if any(end - begin < least for begin, end in runs):
+            return False
+    return True
+
+
+def test_a_scale_that_nobody_tells_begins_at_one(tmp_path):
+    write_drive(tmp_path, steps=20)
+    (tmp_path / "my.toml").write_text(
+        SCENARIO.replace("sigma = 1.0", 'sigma = 1.0\nscale = "stretch"\nbias = "clock"').replace(
+            "y = 1.0\n", "y = 1.0\nstretch = 0.05\nclock = 0.3\n"
+        )
+    )
+    found = setup(tmp_path)
+    assert dict(zip(found.system.model.state_names, found.prior.mean, strict=True)) == pytest.approx(
+        {"x": 0, "y": 0, "heading": 0.3, "stretch": 1, "clock": 0}
+    )
+    assert [note.partition(",")[0] for note in found.notes] == ["stretch begins at 1", "clock begins at 0"]
 
 
 def test_truth_that_begins_later_than_the_log_begins_the_replay(tmp_path):

@@ -176,7 +176,7 @@ def schedule_part(study: LogStudy) -> LogSchedulePart | None:
     if schedule is None:
         return None
     return LogSchedulePart(
-        per_segment=study.setup.per_segment,
+        per_segment=study.setup.choice.per_segment,
         sensors=list(schedule.sensors),
         boundaries=schedule.boundaries.tolist(),
         chosen=schedule.chosen.astype(int).tolist(),

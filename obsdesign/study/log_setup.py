@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from obsdesign.criteria.abstract import AbstractCriterion, Over
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
@@ -17,6 +18,7 @@ from obsdesign.logs.reading import read_log
 from obsdesign.logs.truth import LogTruth
 from obsdesign.noise_density import DisturbancePsd, InputPsd
 from obsdesign.prior import Prior
+from obsdesign.rules.abstract import AbstractRule
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.tables import ReplayTable
 from obsdesign.sensors.range import Range
@@ -28,6 +30,22 @@ _TAG_STD = {"x": 0.1, "y": 0.1, "heading": 0.1, "speed": 0.5, "turn_rate": 0.5}
 _RANGE_SIGMA, _TAG_SIGMA = 1.0, 0.1  # m, to begin a calibration with
 _LATE = 1.0  # s: truth that begins so much later than the log does not tell its start
 _MOVES = 0.2  # m: shorter ways between true positions tell no direction
+
+
+@dataclass(frozen=True)
+class LogChoice:
+    """How sensors of a log are chosen: so many on at a time, for so long each [s], by what, under which rules; see select_for_filter.
+
+    unasked: keys of the scenario's selection that are not for logs.
+    """
+
+    per_segment: int = 1
+    segment: float = 10.0
+    over: Over = "mean"
+    criterion: AbstractCriterion | None = None
+    rules: tuple[AbstractRule, ...] = ()
+    gap: float = 1e-2
+    unasked: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +64,7 @@ class LogSetup:
     settings: ReplayTable
     disturbance_psd: DisturbancePsd
     input_psd: InputPsd
-    per_segment: int
-    segment: float
+    choice: LogChoice
     landmarks: dict[str, tuple[float, float]]
 
     @property
@@ -57,7 +74,7 @@ class LogSetup:
         Raises InputError where the position is told by neither.
         """
         names, told = self.system.model.state_names, self._told
-        mean = dict.fromkeys(names, 0.0) | told
+        mean = self._untold | told
         missing = [name for name in self.settings.about if name not in told]
         if missing:
             raise InputError(f"start: missing key {missing[0]!r}: the log holds no truth of it there; say in [start] where the log begins")
@@ -71,9 +88,38 @@ class LogSetup:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on states whose beginning nobody tells."""
-        untold = [name for name in self.system.model.state_names if name not in self._told]
-        return tuple(f"{name} begins at 0, as uncertain as the prior says: neither [start] nor the truth tells it" for name in untold)
+        """Sentences on states whose beginning nobody tells, and on what is not asked of logs."""
+        untold = ((name, value) for name, value in self._untold.items() if name not in self._told)
+        begins = tuple(
+            f"{name} begins at {value:g}, as uncertain as the prior says: neither [start] nor the truth tells it" for name, value in untold
+        )
+        keys = ", ".join(self.choice.unasked)
+        return (*begins, f"of [selection] not asked of a log: {keys}; sensors are chosen for the filter") if keys else begins
+
+    @property
+    def _untold(self) -> dict[str, float]:
+        """What states are where nobody tells: 1 for the scale of a sensor, else 0."""
+        sensors = self.system.sensors if isinstance(self.system, System) else ()
+        scales = {sensor.scale for sensor in sensors}
+        return {name: 1.0 if name in scales else 0.0 for name in self.system.model.state_names}
+
+
+def _choice_of(scenario: Scenario) -> LogChoice:
+    """Return how a scenario chooses among the samples of a log: always for the filter."""
+    table = scenario.selection
+    is_weighted = isinstance(table.over, tuple)
+    unasked = {"question": table.question not in (None, "filter"), "over": is_weighted} | {
+        key: bool(getattr(table, key)) for key in ("requirements", "cost", "start", "robust_to", "pareto")
+    }
+    return LogChoice(
+        table.per_segment,
+        scenario.time.segment,
+        "mean" if is_weighted else table.over,
+        scenario.filter_criterion if "criterion" in table.model_fields_set else None,
+        scenario.rules_for("filter"),
+        table.gap if "gap" in table.model_fields_set else LogChoice.gap,
+        tuple(key for key, is_given in unasked.items() if is_given),
+    )
 
 
 def from_first_truth(log: Log, about: tuple[str, ...]) -> Log:
@@ -123,8 +169,7 @@ def scenario_setup(file: Path, scenario: Scenario, topics: Path | None) -> LogSe
         scenario.replay,
         scenario.disturbance_psd,
         scenario.input_psd,
-        scenario.selection.per_segment,
-        scenario.time.segment,
+        _choice_of(scenario),
         _landmarks_of(scenario.system),
     )
 
@@ -148,7 +193,7 @@ def _ranging_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
     beacons = {f"beacon_{name:g}": (float(x), float(y)) for name, x, y in arrays["beacons"]}
     system = System(Unicycle(), tuple(Range(place, _RANGE_SIGMA, name=name) for name, place in beacons.items()))
     log = from_first_truth(_facing_forward(read_log(file, system)), ("x", "y"))
-    return LogSetup(file.stem, file, system, log, {}, _RANGING_STD, ReplayTable(), None, None, 1, 10.0, beacons)
+    return LogSetup(file.stem, file, system, log, {}, _RANGING_STD, ReplayTable(), None, None, LogChoice(), beacons)
 
 
 def _tag_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
@@ -158,7 +203,7 @@ def _tag_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
     sensors = tuple(TagRanges(anchor=place, tags=tags, sigma=_TAG_SIGMA, name=name) for name, place in anchors.items())
     system = System(Trolley(), sensors)
     places = {name: (x, y) for name, (x, y, _) in anchors.items()}
-    return LogSetup(file.stem, file, system, read_log(file, system), {}, _TAG_STD, ReplayTable(), None, None, 1, 10.0, places)
+    return LogSetup(file.stem, file, system, read_log(file, system), {}, _TAG_STD, ReplayTable(), None, None, LogChoice(), places)
 
 
 def _facing_forward(log: Log) -> Log:

@@ -64,7 +64,7 @@ def study_log(setup: LogSetup, seed: int, progress: Progress | None = None) -> L
     drive = _replay(setup, calibration, seed, restarts, report)
     report("a schedule of the samples")
     schedule = log_schedule(setup, drive, seed)
-    errors = () if schedule is None else _schedule_errors(drive, schedule, setup.per_segment, seed, report)
+    errors = () if schedule is None else _schedule_errors(drive, schedule, setup.choice.per_segment, seed, report)
     return LogStudy(
         setup,
         calibration,
@@ -85,7 +85,7 @@ def schedule_study(setup: LogSetup, seed: int, progress: Progress | None = None)
     schedule = log_schedule(setup, drive, seed)
     if schedule is None:
         raise InputError(f"{setup.file}: nothing to choose: a log of a segment or more is needed, and more sensors than may be on")
-    errors = _schedule_errors(drive, schedule, setup.per_segment, seed, report)
+    errors = _schedule_errors(drive, schedule, setup.choice.per_segment, seed, report)
     return LogStudy(setup, calibration, drive, schedule, errors, (*drive.notes, *setup.notes, *_of_calibration(setup, calibration)))
 
 
@@ -100,10 +100,20 @@ def _restarts(setup: LogSetup) -> tuple[int, tuple[str, ...]]:
 
 def log_schedule(setup: LogSetup, drive: Replay, seed: int) -> FilterSchedule | None:
     """Return the schedule of a log, None where there is nothing to choose."""
-    if not setup.settings.schedule or len(drive.run.sensors) <= setup.per_segment or drive.t[-1] - drive.t[0] < setup.segment:
+    choice = setup.choice
+    if not setup.settings.schedule or len(drive.run.sensors) <= choice.per_segment or drive.t[-1] - drive.t[0] < choice.segment:
         return None
     limit = _TIME_LIMIT if len(drive.t) > _LONG else None
-    return drive.schedule(setup.per_segment, setup.segment, seed=seed, time_limit=limit, gap=1e-2)
+    return drive.schedule(
+        choice.per_segment,
+        choice.segment,
+        over=choice.over,
+        criterion=choice.criterion,
+        rules=choice.rules,
+        gap=choice.gap,
+        time_limit=limit,
+        seed=seed,
+    )
 
 
 def _calibration(setup: LogSetup, report: StageReport) -> Calibration | None:

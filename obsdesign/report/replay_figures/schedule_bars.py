@@ -31,7 +31,7 @@ def picture(study: LogStudy) -> Picture | None:
         axes.tick_params(axis="y", length=0)
 
     caption = (
-        f"The filter on this log with the samples of {study.setup.per_segment} of {len(study.replay.run.sensors)} sensors at a time:"
+        f"The filter on this log with the samples of {study.setup.choice.per_segment} of {len(study.replay.run.sensors)} sensors at a time:"
         " as chosen, in turns, and by chance. Other noise would have made other errors: differences of a few per cent mean little."
     )
     return Picture(inline_svg(styled_figure(0.8 + 0.36 * len(bars), paint), "bars", "Errors with schedules"), caption)

@@ -11,7 +11,7 @@ from obsdesign.study.log_study import LogStudy
 
 def section(study: LogStudy, schedule: FilterSchedule) -> Section:
     """Return the answer to "Which sensors would have done?"."""
-    count, sensors = study.setup.per_segment, len(schedule.sensors)
+    count, sensors = study.setup.choice.per_segment, len(schedule.sensors)
     errors = {item.name: item.rmse for item in study.schedule_errors}
     signal = study.replay.question.signal
     with_all = with_unit(errors.get("all on", float("nan")), signal)

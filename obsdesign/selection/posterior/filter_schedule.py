@@ -75,7 +75,8 @@ class FilterSchedule(AbstractDisplay):
             ("no schedule is below", f"{number(self.bound)} (gap {number(self.gap)}, by {self.bound_by})"),
         ]
         if not np.isnan(self.memory):
-            rows.append(("half of a choice is forgotten after", f"{number(self.memory)} segment{'' if self.memory == 1 else 's'}"))
+            after = f"{number(self.memory)} segment{'' if self.memory == 1 else 's'}" if np.isfinite(self.memory) else "no time"
+            rows.append(("half of a choice is forgotten after", after))
         rows += [(name, marks) for name, marks in zip(self.sensors, raster_text(self.chosen), strict=True)]
         rows += [(other.name, number(other.value)) for other in self.compared]
         if self.notes:
