@@ -1,5 +1,8 @@
 from .analysis.polynomial_inputs import Polynomial as Polynomial
 from .analysis.query import observability as observability
+from .analysis.remedies import Remedies as Remedies
+from .analysis.remedies import Remedy as Remedy
+from .analysis.remedies import remedies as remedies
 from .analysis.symmetry import Symmetry as Symmetry
 from .analysis.symmetry import SymmetryKind as SymmetryKind
 from .analysis.verdict import UnobservableError as UnobservableError
