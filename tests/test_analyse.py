@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from itertools import combinations
 from pathlib import Path
 
@@ -64,6 +65,14 @@ def test_a_point_is_asked_about_where_one_is_given(tmp_path: Path):
     np.testing.assert_array_equal(study.at, list(at.values()))
     assert all(np.array_equal(each.verdict.at[:3], study.at) for each in study.analyses)
     assert analysis_document(study).at == at
+
+
+def test_the_example_of_the_page_runs(tmp_path: Path):
+    """A drift along y alone: with distance and compass nothing of the three states is hidden, by either class."""
+    text = re.findall(r"```toml\n(\[system\].*?)```", (ROOT / "docs" / "verdicts.md").read_text(), flags=re.DOTALL)[0]
+    study = study_of(tmp_path, text)
+    assert study.disturbances == ("arbitrary", "polynomial of degree 0")
+    assert all(analysis.verdict.observable for analysis in study.of_all_sensors)
 
 
 def test_of_many_sensors_each_alone_all_but_one_and_all_are_looked_at(tmp_path: Path):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -15,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import obsdesign
+from conftest import ROOT, obsdesign
 from distributed import LocalCluster
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -251,3 +253,14 @@ def test_the_verb_takes_lists_ranges_and_subsets_and_prints_one_object(
     expected = [[seed, sensors] for seed, sensors in product((3, 4), (["gps"], ["gps", "magnetometer"]))]
     assert (end.value.code, [list(run["varied"].values()) for run in told["runs"]]) == (0, expected)
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["runs", "sweep.csv", "sweep.html"]
+
+
+def test_the_example_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    page = (ROOT / "docs" / "sweeps.md").read_text()
+    scenario, program = (re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)[0] for language in ("toml", "python"))
+    (tmp_path / "yard.toml").write_text(scenario)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "program.py").write_text(program)
+    runpy.run_path("program.py")
+    assert capsys.readouterr().out.startswith("sweep of 4 runs: A rover in a yard\n  sensors.gps.sigma  0.5, 1.0\n")
+    assert len(list((tmp_path / "reports" / "yard" / "runs").iterdir())) == 4
