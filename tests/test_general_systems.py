@@ -124,8 +124,8 @@ def as_system(by_hand: ByHand, *, is_map: bool) -> od.GeneralSystem | od.Discret
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed >= 5)) for seed in range(60)])
 def test_dimensions_are_those_of_jets_counted_anew(seed: int, is_map: bool):
     by_hand = random_system(random.Random(seed))
-    orders = by_hand.n + 2 if is_map else 2 * by_hand.n + 3
-    for known_inputs, count in (("any", 4 if by_hand.m else 1), ("smooth", 1)):
+    orders = by_hand.n + 3 if is_map else 2 * by_hand.n + 3
+    for known_inputs, count in (("any", 8 if by_hand.m else 1), ("smooth", 1)):
         verdict = od.observability(as_system(by_hand, is_map=is_map), known_inputs=known_inputs)
         # several runs of a map that is not onto, under one unknown input: no end is proven
         assert verdict.decided or (is_map and by_hand.p and count > 1)
@@ -207,3 +207,25 @@ def test_constants_of_a_rate_are_not_rounded_together():
     for system in (general, affine):
         verdict = od.observability(system)
         assert (verdict.dimension, verdict.decided) == (1, True)
+
+
+V1, V2 = ca.SX.sym("v1"), ca.SX.sym("v2")
+
+
+@pytest.mark.parametrize(
+    ("next_state", "output", "p", "dimension"),
+    [
+        # one run tells b, two tell a by their third sample, though up to the second they tell nothing more than one, of w neither
+        ((-3 * A - 3 * B**2 + U * B, 3 * A + 3 * V1 * B), B, 1, 2),
+        # two runs tell no more of the state than one, but something of two unknown inputs: four tell the state
+        ((3 * A - 2 * A * B - 2 * V1 * B, 3 * A * C + A * B + 3 * V1 * A, U * B**2 + V2 * B), B * C, 2, 3),
+    ],
+)
+def test_as_many_runs_as_it_takes(next_state: tuple[ca.SX, ...], output: ca.SX, p: int, dimension: int):
+    unknown = {"v1": V1, "v2": V2} if p == 2 else {"v1": V1}
+    x, names = ca.vertcat(A, B, C)[: len(next_state)], tuple("abc"[: len(next_state)])
+    system = od.DiscreteSystem(
+        x, names, next_state=ca.vertcat(*next_state), period=1.0, inputs={"u": U}, unknown=unknown, outputs={"y": output}
+    )
+    verdict = od.observability(system)
+    assert (verdict.dimension, verdict.decided) == (dimension, True)

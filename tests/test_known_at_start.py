@@ -79,7 +79,7 @@ def test_against_unit_rows_among_jets_counted_anew(seed: int, is_map: bool):
     by_hand = random_system(draw)
     places = sorted(draw.sample(range(by_hand.n), draw.randint(1, 2)))
     verdict = od.observability(as_system(by_hand, is_map=is_map), known_at_start=tuple(f"x{i}" for i in places))
-    orders, count = (by_hand.n + 2 if is_map else 2 * by_hand.n + 3), 4 if by_hand.m else 1
+    orders, count = (by_hand.n + 3 if is_map else 2 * by_hand.n + 3), 8 if by_hand.m else 1
     assert verdict.decided
     assert verdict.dimension == by_hand.dimension(orders, count, is_map=is_map, known=places)
 

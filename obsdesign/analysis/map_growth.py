@@ -50,6 +50,15 @@ class MapSolutions:
 
     def dimension(self, start: int, samples: int) -> int:
         """Return how much of what the solutions are at a step their outputs from there on tell: that many, and one."""
+        rows, columns = self._rows(start, samples)
+        return rank_modulo(rows) - rank_modulo([row[:columns] for row in rows])
+
+    def rank(self, samples: int) -> int:
+        """Return the rank of J, from the first step on."""
+        return rank_modulo(self._rows(0, samples)[0])
+
+    def _rows(self, start: int, samples: int) -> tuple[Rows, int]:
+        """J from a step on, and how many of its columns are those of unknown inputs, which come first."""
         joint, width = (1, self.n) if start == 0 else (self.count, self.count * self.n)
         p = len(self.B[0][0][0])
         rows: Rows = []
@@ -63,7 +72,7 @@ class MapSolutions:
                     for row, entries in zip(X, self.B[i][start + k], strict=True):
                         for j, entry in enumerate(entries):
                             row[p * k + j] = entry
-        return rank_modulo(rows) - rank_modulo([row[: p * samples] for row in rows])
+        return rows, p * samples
 
     def settles_at(self) -> int | None:
         """Return the step J from which on the solutions' states are random ones of one set; None where that is not seen."""

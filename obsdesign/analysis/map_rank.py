@@ -152,18 +152,26 @@ def _growth(equations: Equations, smooth: bool, seed: int, point: EvaluationPoin
 
 
 def _with_enough_solutions(first: Experiments, smooth: bool, *, is_point: bool) -> MapGrowth:
-    """Return the growth with as many solutions as it takes until more of them tell nothing more."""
+    """Return the growth with as many solutions as it takes until more of them tell nothing more, of the unknown inputs neither."""
     growth, flow = _follow(first, is_point=is_point), first.equations.map_flow
     if smooth or flow.is_linear or not flow.u.numel():
         return growth
-    while growth.dimension < first.equations.n and growth.experiments.count < _MAX_COUNT:
-        more = replace(first, count=2 * growth.experiments.count)
+    while growth.dimension < first.equations.n:
+        count, more = growth.experiments.count, replace(first, count=2 * growth.experiments.count)
         # without unknown inputs what several solutions tell is the sum of what each of them tells: it ends with that
         wider = _follow(more, is_point=is_point) if flow.w.numel() else _dimensions(more, len(growth.dimensions) - 1, growth.has_ended)
-        if wider.dimension == growth.dimension:
+        order = len(wider.dimensions) - 1 + first.equations.n
+        if wider.dimension == growth.dimension and _rank(more, order) == _rank(replace(first, count=count), order):
             return growth
+        if 2 * count > _MAX_COUNT:
+            return replace(growth, has_ended=False)
         growth = wider
     return growth
+
+
+def _rank(experiments: Experiments, order: int) -> int:
+    """Rank of J: of what so many samples more than one tell of the state and of the unknown inputs."""
+    return solutions_of(replace(experiments, orders=order), order + 1, is_point=True).rank(order)
 
 
 def _dimensions(experiments: Experiments, order: int, has_ended: bool) -> MapGrowth:
