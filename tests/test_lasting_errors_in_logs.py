@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import obsdesign as od
+from obsdesign.dynamics.measurement_noise import measurement_noise
+from obsdesign.dynamics.per_step import PerStepSystem
 
 SENSORS = (
     od.Range((20.0, 0.0), 0.3, name="a", bias_floor=0.4, correlation=0.6, rate=2.0, max_range=30.0),
@@ -76,3 +78,24 @@ def test_windows_know_nothing_of_the_errors_before_them():
         inside = (LOG.samples.t >= part.t[0]) & (LOG.samples.t < part.t[-1])
         close(windows[k], start_information(part, od.Log(LOG.inputs, LOG.samples.where(inside))))
     close(od.sliding_information(SYSTEM, PATH, 20, samples=LOG)[0].sum(axis=0), start_information(PATH, LOG))
+
+
+def test_simulated_errors_go_on_in_time():
+    """Made of independent numbers by L, they have covariance L L' = c^(|t_i - t_j| rate)."""
+    times = np.array([0.0, 0.1, 0.1, 1.7, 1.75, 4.0])
+    model = PerStepSystem(od.System(od.Unicycle(), SENSORS[:1])).model
+    columns = [measurement_noise(model, unit[:, None], np.zeros(1), np.ones((6, 1), bool), times=times).varying[:, 0] for unit in np.eye(6)]
+    L = np.column_stack(columns)
+    np.testing.assert_allclose(L @ L.T, 0.6 ** (2.0 * np.abs(times[:, None] - times)), atol=1e-12)
+
+
+def test_filters_are_consistent_with_errors_that_last_along_steps_of_any_length():
+    sensors = (od.Range((20.0, 0.0), 0.3, name="a", correlation=0.9, rate=0.5), od.Range((0.0, 20.0), 0.5, name="b"))
+    system, lengths = od.System(od.Unicycle(), sensors), np.tile([0.05, 1.5], 8)
+    path = od.simulate(system, PATH.x[0], np.tile([1.5, 0.15], (16, 1)), lengths)
+    times = np.random.default_rng(1).uniform(path.t[0], path.t[-1] - 0.01, 40)
+    read = od.LogSamples(("a", "b"), times, np.arange(40) % 2, np.ones(40))
+    log = od.Log(od.LogInputs(("speed", "turn_rate"), path.t[:-1], path.u), read)
+    prior = od.Prior(path.x[0], std=(0.1, 0.1, 0.01))  # narrow: what is tested is not how far ranges are from linear
+    for samples, schedule in ((log, None), (None, np.ones((16, 2), dtype=bool))):
+        assert od.validate(system, path, schedule, prior=prior, runs=150, samples=samples).verdict == "consistent"

@@ -79,6 +79,38 @@ def test_the_order_of_rows_and_the_beginning_of_time_change_nothing():
         assert other.rank_correlation.value == pytest.approx(first.rank_correlation.value, abs=1e-9 if other is again else 0.2)
 
 
+def test_a_log_in_ned_says_the_same():
+    """x north, y east, angles clockwise: the mirror image, in which the same equations hold for the same vehicle and sensors."""
+    log, samples, truth = drive(steps=80), drive(steps=80).samples, drive(steps=80).truth
+    bearings = [np.arctan2(*(np.array(BEACONS[0]) - truth.x[k, :2])[::-1]) - truth.x[k, 2] for k in range(0, 80, 9)]
+    t = np.concatenate([samples.t[samples.t <= 20.0], truth.t[:80:9]])
+    sensor = np.concatenate([samples.sensor[samples.t <= 20.0], np.full(len(bearings), 4)])
+    y, is_angle = np.concatenate([samples.y[samples.t <= 20.0, 0], bearings]), sensor == 4
+
+    def replay(is_ned):
+        """Of the drive, as it is written east-north or north-east."""
+        beacons = [place[::-1] if is_ned else place for place in BEACONS]
+        ranges = [od.Range(place, 0.5, name=name) for place, name in zip(beacons, NAMES, strict=True)]
+        system = od.System(od.Unicycle(), (*ranges, od.Bearing(beacons[0], 0.05, name="camera")))
+        mirror = (lambda x: np.column_stack([x[:, 1], x[:, 0], np.pi / 2 - x[:, 2]])) if is_ned else np.asarray
+        sign, std = (-1.0 if is_ned else 1.0), np.array([1.0, 2.0, 0.2])[[1, 0, 2] if is_ned else [0, 1, 2]]
+        written = od.Log(
+            od.LogInputs(("speed", "turn_rate"), log.inputs.t, log.inputs.u * [1.0, sign]),
+            od.LogSamples((*NAMES, "camera"), t, sensor, np.where(is_angle, sign * y, y)),
+            od.LogTruth(truth.names, truth.t, mirror(truth.x)),
+        )
+        prior = od.Prior(mirror(PRIOR.mean[None])[0], std=std)
+        return od.replay(system, written, prior, disturbance_psd=PSD, input_psd={"turn_rate": 1e-4}, window=5.0, restarts=0), mirror
+
+    (ned, mirror), (enu, _) = replay(True), replay(False)
+    np.testing.assert_allclose(mirror(ned.estimate), enu.estimate, rtol=0, atol=1e-5)  # steps are right to 1e-6 of 40 m
+    np.testing.assert_allclose(ned.bound[:, [1, 0, 2]], enu.bound, rtol=1e-5)
+    np.testing.assert_allclose(np.abs(ned.error[:, [1, 0, 2]]), np.abs(enu.error), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(ned.run.nis, enu.run.nis, rtol=1e-3, atol=1e-6)
+    assert [window.growth for window in ned.windows] == [pytest.approx(window.growth, rel=1e-5) for window in enu.windows]
+    assert ned.rmse == pytest.approx(enu.rmse, rel=1e-5)
+
+
 def test_a_file_in_degrees_clockwise_from_north_says_the_same(tmp_path):
     log = drive(steps=60)
     rows = ["t [s],signal,value"]

@@ -29,7 +29,12 @@ class MeasurementNoise:
 
 
 def measurement_noise(
-    model: Model, white: np.ndarray, white_constant: np.ndarray, is_sampled: np.ndarray, white_before: np.ndarray | None = None
+    model: Model,
+    white: np.ndarray,
+    white_constant: np.ndarray,
+    is_sampled: np.ndarray,
+    white_before: np.ndarray | None = None,
+    times: np.ndarray | None = None,
 ) -> MeasurementNoise:
     """Return the noise of a path of N instants that independent standard normal numbers make.
 
@@ -38,6 +43,7 @@ def measurement_noise(
         white_constant (q,): one for each constant error.
         is_sampled (N, q): which outputs are sampled when; the errors of one are correlated from each of its samples to the next.
         white_before (q,): one for the error before the first sample; None: white[0] is that of the first sample itself.
+        times (N,): of the instants [s], where they are not equally far apart: then errors go on in time, correlation^(dt / period).
     """
     channels = [model.channels[sensor].noise for sensor in model.output_owner]
     varying = white if white_before is None else np.vstack([white_before, white])
@@ -46,6 +52,9 @@ def measurement_noise(
     for column, noise in enumerate(channels):
         if noise.correlation:
             samples = is_sampled[:, column]
+            if times is not None and noise.period is not None:
+                varying[:, column] = _correlate_in_time(varying[:, column], noise.correlation ** (np.diff(times) / noise.period))
+                continue
             previous = None if before is None else float(before[column])
             varying[samples, column] = _correlate(varying[samples, column], noise.correlation, previous)
     return MeasurementNoise(varying, np.array(model.output_bias) * white_constant)
@@ -59,6 +68,14 @@ def _correlate(white: np.ndarray, correlation: float, previous: float | None) ->
     innovations = np.concatenate([white[:1] / gain, white[1:]]) if previous is None else white
     errors, _ = lfilter([gain], [1.0, -correlation], innovations, zi=[correlation * (previous or 0.0)])
     return np.asarray(errors)
+
+
+def _correlate_in_time(white: np.ndarray, correlations: np.ndarray) -> np.ndarray:
+    """e_0 = white_0, e_k = c_k e_(k-1) + (1 - c_k^2)^1/2 white_k: variance 1 throughout, whichever instants have samples."""
+    errors, gains = white.copy(), np.sqrt(1 - correlations**2)
+    for k, correlation in enumerate(correlations.tolist(), 1):
+        errors[k] = correlation * errors[k - 1] + gains[k - 1] * white[k]
+    return errors
 
 
 def detections(model: Model, random: np.random.Generator, steps: int) -> np.ndarray:

@@ -114,7 +114,8 @@ def require_uncorrelated(model: Model) -> None:
         if channel.noise.correlation:
             raise InputError(
                 f"sensor {channel.name!r} has errors of correlation {channel.noise.correlation:g} from sample to sample: along steps of"
-                " different lengths posterior_information, filters and Gramians of a log accept that, here `inflation` and `bias_floor` are"
+                " different lengths posterior_information, filters, validate and Gramians of a log accept that; here `inflation` and"
+                " `bias_floor` are"
             )
 
 

@@ -162,7 +162,7 @@ def validate(
     report("the posterior bound")
     J = posterior_information(walk.system, walk.path, prior, disturbance_psd, active=walk.active, input_psd=input_psd)
     noise = noise_of(walk.system.model, disturbance_psd, input_psd, walk.path.pace)
-    along = system_along(walk.system, walk.path, True)
+    along = system_along(walk.system, walk.path, True, has_timed_errors=True)
     remainder, chosen = motion_beyond_model(along, walk.path), estimator or ExtendedKalmanFilter()
     chunks = [range(first, min(first + _RUNS_PER_TASK, runs)) for first in range(0, runs, _RUNS_PER_TASK)]
     tasks = [_MonteCarloTask(along, walk.path, prior, walk.active, noise, seed, chunk, chosen, remainder) for chunk in chunks]
@@ -188,7 +188,7 @@ class _Walk:
 def _walk_along(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None, log: Log | None) -> _Walk:
     if log is None:
         return _Walk(system, path, active_steps(system, path, schedule), np.arange(path.steps + 1))
-    arrived = recorded_samples(system, path, log)
+    arrived = recorded_samples(system, path, log, has_timed_errors=True)
     events = arrived.event_path
     active = events.weights > 0
     if schedule is not None:
@@ -206,7 +206,7 @@ def motion_beyond_model(system: AbstractSystem, path: Trajectory) -> np.ndarray 
 
 def active_steps(system: AbstractSystem, path: Trajectory, schedule: Schedule | ArrayLike | None) -> np.ndarray:
     """Return (N, S) bool: where a sensor is on by the schedule and has a sample."""
-    mask = sampling_mask(system_along(system, path, schedule is not None), path.steps, path.pace)
+    mask = sampling_mask(system_along(system, path, schedule is not None, has_timed_errors=True), path.steps, path.pace)
     if schedule is None:
         return mask
     if isinstance(schedule, Schedule) and not schedule.status.has_answer:
@@ -256,7 +256,8 @@ def _draws(task: _MonteCarloTask, run: int) -> tuple[np.ndarray, ...]:
     process_noise = state_noise(task.system, path, task.noise, random.standard_normal((path.steps, task.noise.state_columns)))
     white = random.standard_normal((path.steps, len(model.outputs)))
     is_sampled = sampling_mask(task.system, path.steps, path.pace)[:, list(model.output_owner)]
-    noise = measurement_noise(model, white, random.standard_normal(white.shape[1]), is_sampled)
+    times = path.t[:-1] if model.is_per_step else None
+    noise = measurement_noise(model, white, random.standard_normal(white.shape[1]), is_sampled, times=times)
     is_detected = detections(model, random, path.steps)
     input_noise = random.standard_normal((path.steps, len(task.noise.inputs)))
     return initial_error, process_noise, noise.varying, noise.constant, is_detected, input_noise
