@@ -94,3 +94,12 @@ def test_bad_input_names_what_is_wrong():
     x = ca.SX.sym("x", 2)
     with pytest.raises(od.InputError, match="ready-made"):
         od.remedies(od.ControlAffineSystem(x, ("a", "b"), outputs={"y": x[0]}), offered=SENSORS)
+
+
+def test_a_sensor_that_reads_nothing_at_the_point_mends_nothing():
+    """At rest there is no course over ground; GPS and a compass still tell all."""
+    system = od.System(od.Unicycle(), (od.Range((3.0, 4.0), 1.0),))
+    answer = od.remedies(
+        system, at=[0.0, 0.0, 0.2], held={"speed": 0.0, "turn_rate": 0.0}, offered=(od.Course(0.1), od.GPS(2.0), od.Magnetometer(0.1))
+    )
+    assert [remedy.sensors for remedy in answer.cheapest if not remedy.released] == [("gps", "magnetometer")]

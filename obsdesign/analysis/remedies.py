@@ -10,6 +10,7 @@ import casadi as ca
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.query import Disturbance, KnownInputs, observability_of
+from obsdesign.analysis.rank_growth import NoValueError
 from obsdesign.analysis.ready_made_sensors import ready_made_sensors
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
@@ -169,7 +170,10 @@ def _cheapest(
         if any(smaller <= set(chosen) for smaller in mending):
             continue
         added, released = [name for name in chosen if name not in query.held], [name for name in chosen if name in query.held]
-        verdict = query.verdict(model, (*in_use, *added), released)
+        try:
+            verdict = query.verdict(model, (*in_use, *added), released)
+        except NoValueError:  # a sensor that reads nothing at the point, such as a course at rest
+            continue
         if verdict.decided and set(aims) <= set(verdict.observable_states):
             mending.append(frozenset(chosen))
             yield Remedy(tuple(added), tuple(released), sum(prices[name] for name in chosen), verdict)

@@ -32,6 +32,15 @@ class AlongPart(DocumentPart):
     notes: list[str]
 
 
+class MendedPart(DocumentPart):
+    """What would mend a case in which all sensors together do not see the state."""
+
+    manoeuvre: str
+    disturbance: str
+    remedies: list[str] = Field(description="in words, the cheapest first; none: nothing that was tried mends it")
+    tried: list[str]
+
+
 class AnalysisDocument(DocumentPart):
     """What every suite of sensors sees, under every class of disturbances, in every manoeuvre."""
 
@@ -40,6 +49,7 @@ class AnalysisDocument(DocumentPart):
     versions: dict[str, str]
     at: dict[str, float] | None = Field(description="the state that is asked about; null: almost every one")
     verdicts: dict[str, dict[str, dict[str, VerdictPart]]] = Field(description="by manoeuvre, by disturbance, by sensors joined with +")
+    mended: list[MendedPart] = Field(description="what would mend each case in which all sensors together do not see the state")
     along: AlongPart | None = Field(default=None, description="null: no path was given")
     expected: list[Expectation]
 
@@ -57,6 +67,15 @@ def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
         versions=versions(),
         at=None if study.at is None else dict(zip(scenario.state_names, study.at.tolist(), strict=True)),
         verdicts=verdicts,
+        mended=[
+            MendedPart(
+                manoeuvre=analysis.manoeuvre,
+                disturbance=analysis.verdict.disturbance,
+                remedies=[remedy.in_words for remedy in answer.cheapest],
+                tried=list(answer.offered),
+            )
+            for analysis, answer in study.mended
+        ],
         along=None if study.along is None else _along_part(study.along),
         expected=[],
     )

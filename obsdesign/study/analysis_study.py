@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
@@ -11,6 +11,7 @@ import numpy as np
 
 from obsdesign.analysis.polynomial_inputs import Polynomial
 from obsdesign.analysis.query import Disturbance, observability_of
+from obsdesign.analysis.remedies import Remedies, remedies
 from obsdesign.arguments import validate_arguments
 from obsdesign.progress import Progress
 from obsdesign.scenario.schema import Scenario
@@ -25,7 +26,8 @@ _FEW_SENSORS = 5  # of which every subset is looked at
 class AnalysisStudy:
     """The verdicts of a scenario: sensors within manoeuvres within disturbances; at (n,): the state asked about, None = generic.
 
-    along: what the motion along a path or a log hides, None where there is none.
+    along: what the motion along a path or a log hides, None where there is none; mended: what would mend each case in which all sensors
+    together do not see the state.
     """
 
     scenario: Scenario
@@ -33,6 +35,7 @@ class AnalysisStudy:
     at: np.ndarray | None
     analyses: tuple[Analysis, ...]
     along: AlongPath | None = None
+    mended: tuple[tuple[Analysis, Remedies], ...] = ()
 
     @property
     def manoeuvres(self) -> tuple[str, ...]:
@@ -71,7 +74,8 @@ def analyse_scenario(scenario: Scenario, seed: int | None = None, progress: Prog
             model, at, case.manoeuvre.held, case.disturbance, settings.known_inputs, seed, known_at_start=settings.known_at_start
         )
         analyses.append(Analysis(case.manoeuvre.name, case.sensors, verdict))
-    return AnalysisStudy(scenario, seed, at, tuple(analyses))
+    study = AnalysisStudy(scenario, seed, at, tuple(analyses))
+    return replace(study, mended=tuple(_remedies_of(study, cases, progress)))
 
 
 def point_of(scenario: Scenario) -> np.ndarray | None:
@@ -88,6 +92,18 @@ def subsets_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
     names, given = scenario.sensor_names, scenario.analysis.subsets
     sizes = range(1, len(names) + 1) if len(names) <= _FEW_SENSORS else sorted({1, len(names) - 1, len(names)})
     return given or tuple(subset for size in sizes for subset in combinations(names, size))
+
+
+def _remedies_of(study: AnalysisStudy, cases: Sequence[_Case], progress: Progress | None) -> Iterator[tuple[Analysis, Remedies]]:
+    """Yield what would mend the cases of all sensors that hide something; none where states are known at the start."""
+    scenario, names = study.scenario, set(study.scenario.sensor_names)
+    for case, analysis in zip(cases, study.analyses, strict=True):
+        if set(case.sensors) != names or analysis.verdict.observable or scenario.analysis.known_at_start:
+            continue
+        if progress is not None:
+            progress(f"What would mend {case_name(study, analysis)}?")
+        settings = scenario.analysis.known_inputs
+        yield analysis, remedies(scenario.system, study.at, case.manoeuvre.held, case.disturbance, settings, study.seed)
 
 
 @dataclass(frozen=True)

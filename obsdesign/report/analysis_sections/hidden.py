@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from obsdesign.analysis.verdict import Verdict
-from obsdesign.report.number_format import NOTHING, numeral, typeset
+from obsdesign.report.number_format import NOTHING, join, numeral, typeset
 from obsdesign.report.section import Section
 from obsdesign.report.sections.observability import hidden_table
 from obsdesign.report.table import Table, TableColumn, tabulate
-from obsdesign.study.analysis_study import AnalysisStudy, cases_apart
+from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart
+
+_SHOWN = 5  # remedies of a case
 
 
 def section(study: AnalysisStudy) -> Section | None:
@@ -19,10 +21,24 @@ def section(study: AnalysisStudy) -> Section | None:
     if not missing:
         return None
     who = "all sensors together" if len(study.scenario.sensor_names) > 1 else "the sensor"
-    tables = [hidden_table(study.scenario.states, who, analysis) for analysis in missing]
+    tables = [*_remedies_tables(study), *(hidden_table(study.scenario.states, who, analysis) for analysis in missing)]
     several = len(missing) > 1
     notes = [f"{analysis.manoeuvre}: {_sentence(analysis.verdict)}" if several else _sentence(analysis.verdict) for analysis in missing]
     return Section("hidden", "What stays hidden, and why?", "", (), tuple(tables), tuple(dict.fromkeys(notes)))
+
+
+def _remedies_tables(study: AnalysisStudy) -> Iterator[Table]:
+    """What would mend each case, the cheapest first."""
+    if not study.mended:
+        return
+    rows = []
+    for analysis, answer in study.mended:
+        name = case_name(study, analysis)
+        rows += [(name, remedy.in_words) for remedy in answer.cheapest[:_SHOWN]]
+        if not answer.cheapest:
+            rows.append((name, f"nothing of {join(answer.offered) or 'what is there'}, up to {answer.at_once} at once"))
+    good = "Each was tried: with it every state is seen. One of them is enough."
+    yield tabulate("What would mend it", good, (TableColumn("case"), TableColumn("mended by")), rows)
 
 
 def _sentence(verdict: Verdict) -> str:
