@@ -87,19 +87,29 @@ def _change(data: bytearray, random: np.random.Generator) -> None:
 
 def tally(read: Callable[[Path], object], place: Callable[[Path, bytes], Path], inputs: Iterator[bytes]) -> Tally:
     """Return what a reader made of the inputs; place: puts one into a folder and returns what is to be read."""
-    signal.signal(signal.SIGALRM, _interrupt)
+    listen()
     counts = Tally()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for data in inputs:
-            target = place(folder, data)
-            before, start = _state(folder), time.perf_counter()
-            counts = _attempt(counts, read, target)
-            counts = replace(counts, longest=max(counts.longest, time.perf_counter() - start))
-            if _state(folder) != before:
-                counts = replace(counts, written=counts.written + 1)
-                shutil.rmtree(folder)
-                folder.mkdir()
+            counts = observe(counts, read, place(folder, data), folder)
+    return counts
+
+
+def listen() -> None:
+    """Let a reader be interrupted that takes too long."""
+    signal.signal(signal.SIGALRM, _interrupt)
+
+
+def observe(counts: Tally, read: Callable[[Path], object], target: Path, folder: Path) -> Tally:
+    """Return the counts with one more input; folder: all that may be there, which is emptied when something was written."""
+    before, start = _state(folder), time.perf_counter()
+    counts = _attempt(counts, read, target)
+    counts = replace(counts, longest=max(counts.longest, time.perf_counter() - start))
+    if _state(folder) != before:
+        counts = replace(counts, written=counts.written + 1)
+        shutil.rmtree(folder)
+        folder.mkdir()
     return counts
 
 

@@ -81,7 +81,7 @@ def _validating_constructor(constructor: Callable[..., None], record: type) -> C
             constructor(self, *arguments, **named)
         except ObsdesignError:
             raise
-        except Exception:
+        except Exception:  # whatever a wrong type makes of it; raised again where all arguments are of their kind
             require(f"{record.__name__}: ", (self, *arguments), named)
             raise
         require(f"{record.__name__}: ", (self, *arguments), named)

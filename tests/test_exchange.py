@@ -495,6 +495,8 @@ def test_an_edited_starter_becomes_files_that_public_readers_load(importers, tmp
     assert json.loads((out / "path.plan").read_text())["mission"]["plannedHomePosition"] == [46.5, 8.545594, 488.0]
     loader = MAVWPLoader()
     loader.load(str(out / "path.waypoints"))
+    told = json.loads((out / "result.json").read_text())["way_points"]
+    assert [(each["points"], each["of"]) for each in told] == [(len(points), len(path))]  # once: both missions have the same
     rows = [loader.wp(k) for k in range(loader.count())]
     np.testing.assert_allclose([[row.x, row.y, row.z] for row in rows if row.command == 16 and row.frame == 3], points, atol=1e-6)
 

@@ -234,7 +234,7 @@ class Result(DocumentPart):
     validation: dict[str, dict[str, ValidationPart]] = Field(description="by path, then by schedule; chosen: of the question asked")
     joint: JointPart | None = Field(description="null: none was asked for")
     flight: FlightPart | None = Field(description="null: none was asked for")
-    way_points: list[WayPointsPart] = Field(default=[], description="what the path costs as way points, by mission that was written")
+    way_points: list[WayPointsPart] = Field(default=[], description="what the path costs as way points, by the points chosen")
     expected: list[Expectation]
     record: list[Any] = Field(
         default=[],

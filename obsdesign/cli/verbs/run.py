@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from obsdesign.exchange.export_result import Export, ExportSettings
     from obsdesign.scenario.schema import Scenario
     from obsdesign.study.record import Study
+    from obsdesign.study.thinned_path import ThinnedPath
 
 
 def run_scenario(options: Namespace) -> Outcome:
@@ -38,9 +39,8 @@ def run_scenario(options: Namespace) -> Outcome:
     with process_pool(options.jobs) as executor, progress_teller(options.quiet) as progress:
         study = run(scenario, options.seed, executor, progress)
     exports = _exports(options, settings, study, folder)
-    study = replace(study, way_points=tuple(done.thinned for done in exports if done.thinned is not None))
-    result = write_report(folder, study)
-    lines = tuple(line for done in exports for line in export_lines(done))
+    result = write_report(folder, replace(study, way_points=_way_points(exports)))
+    lines = dict.fromkeys(line for done in exports for line in export_lines(done))
     shown = (summary_of(result), f"\nWritten to {folder}/: open report.html", *lines)
     missed = (*unkept_requirements(result), *unmet_lines(result.expected, "result.json"))
     return Outcome(result.model_dump(mode="json"), shown, missed, ExitCode.NO if missed else ExitCode.DONE)
@@ -63,6 +63,12 @@ def _exports(options: Namespace, settings: ExportSettings | None, study: Study, 
     from obsdesign.exchange.export_result import export_study
 
     return [export_study(study, word, folder, settings) for word in options.export]
+
+
+def _way_points(exports: list[Export]) -> tuple[ThinnedPath, ...]:
+    """Return what each choice of way points costs, once where several formats have the same."""
+    thinned = [done.thinned for done in exports if done.thinned is not None]
+    return tuple({(each.points, each.tolerance, each.every, each.autopilot): each for each in thinned}.values())
 
 
 EXPORT = Argument("--export", "also write the path as ..., such as plan,kml; see export", formats_type, (), variable="FORMATS")
