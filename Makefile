@@ -57,7 +57,7 @@ PIN = $(BIN)/pip-compile --quiet --strip-extras --no-header --no-annotate --no-e
 
 # requirements-bench.lock has what the benchmarks need beyond requirements.lock, and moves nothing in there.
 lock: $(READY)
-	$(PIN) --extra dev --extra ardupilot --extra px4 --extra ros --output-file requirements.lock pyproject.toml
+	$(PIN) --extra dev --extra ardupilot --extra px4 --extra ros --extra sbml --output-file requirements.lock pyproject.toml
 	$(PIN) --extra bench --constraint requirements.lock --output-file $(VENV)/bench.lock pyproject.toml
 	grep -vxFf requirements.lock $(VENV)/bench.lock > requirements-bench.lock
 

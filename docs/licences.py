@@ -11,7 +11,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-EXTRAS = ("ardupilot", "px4", "ros")
+EXTRAS = ("ardupilot", "px4", "ros", "sbml")
 FILE = Path(__file__).parent / "licences.md"
 _LONG = 60  # characters: what is longer is the whole text
 

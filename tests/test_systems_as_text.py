@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 import tomllib
 from itertools import combinations
@@ -10,12 +11,13 @@ from typing import Any
 
 import jsonschema
 import pytest
-from conftest import obsdesign
+from conftest import ROOT, obsdesign
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import obsdesign as od
-from obsdesign.scenario.system_tables import SystemTable
+from obsdesign.formulas.functions import FUNCTIONS
+from obsdesign.scenario.system_tables import OutputTable, SystemTable
 from obsdesign.study.problem import problem_of
 
 POLAR = {
@@ -498,3 +500,27 @@ def test_many_systems_are_read_and_their_rates_and_outputs_are_numbers(table):
 
 def test_the_table_has_a_description_of_every_key():
     assert [name for name, field in SystemTable.model_fields.items() if not field.description] == []
+
+
+# ---------------------------------------------------------------- the page
+
+
+def test_the_blocks_of_the_page_run(tmp_path, capsys):
+    page = (ROOT / "docs" / "systems.md").read_text()
+    tables = re.findall(r"```toml\n(.*?)```", page, flags=re.DOTALL)
+    assert len(tables) == 2
+    for table in tables:
+        (tmp_path / "page.toml").write_text(table)
+        scenario = od.load_scenario(tmp_path / "page.toml")
+        assert od.observability(scenario.system).dimension >= 2
+    (block,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    exec(compile(block, "docs/systems.md", "exec"), {})  # noqa: S102  # the page's own code
+    assert "of 3 dimensions seen" in capsys.readouterr().out
+    assert [
+        name for name in (*FUNCTIONS, *SystemTable.model_fields, *OutputTable.model_fields) if f"`{name}" not in page and name not in page
+    ] == []
+    (tmp_path / "page.toml").write_text(tables[0].replace("+ gust", "+ heading").replace("wear*speed*cos", "speed*cos"))
+    with pytest.raises(od.ScenarioError) as error:
+        od.load_scenario(tmp_path / "page.toml")
+    (told,) = re.findall(r"    (system\.rates\.x: .*)\n", page)
+    assert told in str(error.value)

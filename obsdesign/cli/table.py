@@ -10,6 +10,7 @@ from obsdesign.cli.verbs import (
     design,
     doctor,
     export,
+    import_model,
     init,
     log,
     replay,
@@ -35,6 +36,7 @@ VERBS: tuple[Verb, ...] = (
     sweep.VERB,
     compare.VERB,
     export.VERB,
+    import_model.VERB,
     report.VERB,
     doctor.VERB,
 )

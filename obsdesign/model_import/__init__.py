@@ -1,0 +1,1 @@
+"""Models in the files of other tools: what they say, as the table [system] of a scenario."""
