@@ -1,3 +1,7 @@
+from .analysis.explanation import ExplainedVerdict as ExplainedVerdict
+from .analysis.explanation import Reason as Reason
+from .analysis.explanation import ReasonKind as ReasonKind
+from .analysis.explanation import explain as explain
 from .analysis.polynomial_inputs import Polynomial as Polynomial
 from .analysis.query import observability as observability
 from .analysis.remedies import Remedies as Remedies
