@@ -156,6 +156,14 @@ def test_without_a_bound_there_is_a_reason():
 
 
 @pytest.mark.slow
+def test_rules_are_named_among_what_the_bound_leaves_out():
+    problem, rules = asked(duration=6.0, path=od.PiecewiseConstant(3)), (od.MinimumDwell(2), od.SwitchingCost(0.01))
+    joint = od.codesign(problem, 3, 1, rules, starts=1, rounds=1)
+    free = joint_bound_of(problem, 3, 1, joint.value)
+    assert joint.bound == free.bound >= joint.value  # rules only take schedules and value away
+    assert joint.proof.left_out == (*free.left_out, "MinimumDwell", "SwitchingCost")
+
+
 def test_a_schedule_keeps_its_segments_where_a_longer_duration_is_looked_for():
     # a goal behind the start, as far as there is time for: 36 steps in 12 segments, so that durations come in steps of 6 s
     goal = np.array([3.0, -2.0]) + 18 * np.array([0.5, -0.3]) - 33 * np.array([np.cos(0.4), np.sin(0.4)])

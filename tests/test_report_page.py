@@ -30,7 +30,7 @@ from obsdesign.report.figures._map import shapes
 from obsdesign.report.figures.clearance_histories import clearances
 from obsdesign.report.html import page_of
 from obsdesign.report.names import violation_in_words
-from obsdesign.report.number_format import MINUS, NARROW, numeral, percent, plain, typeset
+from obsdesign.report.number_format import MINUS, NARROW, numeral, percent, plain, rounded_up, typeset
 from obsdesign.report.sections._paths import paths_table
 from obsdesign.report.sections.design import design_in_words, starts_table
 from obsdesign.report.sections.filter_schedule import questions_table
@@ -370,6 +370,14 @@ def test_three_significant_digits(value, text):
 def test_rounding_keeps_the_value_to_half_a_unit_of_its_third_digit(value):
     shown = float(numeral(value).replace(NARROW, ""))
     assert abs(shown - value) <= 0.5 * 10 ** (np.floor(np.log10(value)) - 2) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("value", [3.1411e5, 1.0, 27.111, 6.0201e-3, 0.09996, 99.96, 152.3, -3.1419, -99.94, 0.0, np.inf])
+def test_what_nothing_is_above_is_rounded_up(value):
+    shown = rounded_up(value)
+    assert shown >= value
+    assert shown == value or shown - value < 10 ** (np.floor(np.log10(abs(value))) - 2) * (1 + 1e-9)
+    assert rounded_up(shown) == shown
 
 
 def test_percentages_and_chosen_values():

@@ -130,7 +130,7 @@ def codesign(
     joint = _solve_for_start(search, JointProblem(*asked)) if question == "start" else search.solve(FilterJointProblem(*asked))
     if throw and not joint.status.has_answer:
         raise SolveError("codesign", joint.status, joint.design.reason)
-    return replace(joint, per_segment=per_segment, gap_limit=gap)
+    return replace(joint, per_segment=per_segment, gap_limit=gap, rules=tuple(rules))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from obsdesign.design.record import Design, gap_between
 from obsdesign.display import AbstractDisplay, Summary, number, raster_picture, raster_text
 from obsdesign.joint.joint_certificate import JointBound
+from obsdesign.rules.abstract import AbstractRule
 from obsdesign.selection.posterior.filter_schedule import FilterSchedule
 from obsdesign.selection.schedule import Schedule
 from obsdesign.status import Status
@@ -69,6 +70,8 @@ class Joint(AbstractDisplay, Generic[AnySchedule]):
     """How many sensors may be on at a time."""
     gap_limit: float | None = None
     """The gap to which `proof` branches; None: without branches."""
+    rules: tuple[AbstractRule, ...] = ()
+    """What the schedule keeps; `proof` is about schedules that keep them or not."""
 
     @cached_property
     def proof(self) -> JointBound:
@@ -80,7 +83,8 @@ class Joint(AbstractDisplay, Generic[AnySchedule]):
         if not self.status.has_answer or not self.per_segment:
             return JointBound(np.inf, None, "", (), "there is no path and schedule")
         problem = replace(self.design.problem, weights=None)
-        return joint_bound_of(problem, len(self.schedule.chosen), self.per_segment, self.value, self.gap_limit)
+        proof = joint_bound_of(problem, len(self.schedule.chosen), self.per_segment, self.value, self.gap_limit)
+        return replace(proof, left_out=tuple(dict.fromkeys((*proof.left_out, *(type(rule).__name__ for rule in self.rules)))))
 
     @property
     def bound(self) -> float:

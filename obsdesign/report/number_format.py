@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from decimal import ROUND_CEILING, Decimal
 
 from obsdesign.signals import Signal
 
@@ -24,6 +25,14 @@ def numeral(value: float, digits: int = 3) -> str:
     if not -4 <= exponent < 9:
         return f"{mantissa} · 10{str(exponent).translate(SUPERSCRIPT)}".replace("-", MINUS).replace(" ", NARROW)
     return _group_digits(float(f"{mantissa}e{power}"), max(digits - 1 - exponent, 0))
+
+
+def rounded_up(value: float, digits: int = 3) -> float:
+    """Return the least number of so many digits that is not below a value: for what nothing is above."""
+    if not value or not math.isfinite(value):
+        return value
+    exact = Decimal(repr(float(value)))
+    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), ROUND_CEILING))
 
 
 def plain(value: float) -> str:

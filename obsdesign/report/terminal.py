@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from obsdesign.report.document import CheapestPart, DesignPart, FilterPart, RequirementPart, Result, SelectionPart, ValidationPart
-from obsdesign.report.number_format import NOTHING
+from obsdesign.report.number_format import NOTHING, rounded_up
 from obsdesign.report.table import Entry, Table, TableColumn, tabulate
 from obsdesign.signals import Signal
 from obsdesign.status import Status
@@ -139,7 +139,7 @@ def _bound(suite: str, design: DesignPart) -> str:
     if design.bound is None or design.value is None or design.proof.certificate is None or not design.proof.certificate.multipliers:
         return ""
     gap = "" if design.gap is None else f"; {design.gap:.2%} from the value"
-    return f"designed for {suite}: proven, no path is above {design.bound:,.5g}{gap}"
+    return f"designed for {suite}: proven, no path is above {rounded_up(design.bound, 5):,.5g}{gap}"
 
 
 def _cap(suite: str, design: DesignPart) -> str:

@@ -8,13 +8,14 @@ from obsdesign.joint.result import AnyJoint
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures import joint_map
 from obsdesign.report.names import criterion_name, has_relative_gap, minimised_in_words
-from obsdesign.report.number_format import join, numeral, percent
+from obsdesign.report.number_format import join, numeral, percent, rounded_up
 from obsdesign.report.section import Section
 from obsdesign.report.table import Table, TableColumn, Toned, finite, seconds, tabulate
 from obsdesign.status import Status
 from obsdesign.study.record import Study
 
 _LOOSE = 0.5  # share of the value: a bound farther away says nothing that helps
+_TINY = 1e-5  # share of the value: what is less is told as that much
 
 
 def section(study: Study, joint: AnyJoint) -> Section:
@@ -74,8 +75,8 @@ def _of_all(study: Study, joint: AnyJoint) -> str:
     if not math.isfinite(joint.bound) or excess > _LOOSE:
         return "the path is the best found near by, and that no other is much better is not proven"
     if not study.scenario.criterion.scales_with_information:
-        return f"no path with any schedule is above {numeral(joint.bound, 5)}, and that is proven"
-    return f"no path with any schedule is better by more than {percent(excess)}, and that is proven"
+        return f"no path with any schedule is above {numeral(rounded_up(joint.bound, 5), 5)}, and that is proven"
+    return f"no path with any schedule is better by more than {percent(rounded_up(max(excess, _TINY)))}, and that is proven"
 
 
 def _bound_note(joint: AnyJoint) -> str:
@@ -84,7 +85,7 @@ def _bound_note(joint: AnyJoint) -> str:
     if not math.isfinite(proof.bound):
         return f"No bound on other paths and schedules is proven: {proof.reason}."
     left_out = f" It makes no use of: {join(proof.left_out)}." if proof.left_out else ""
-    return f"The bound {numeral(proof.bound, 5)} holds for {proof.class_of_paths}.{left_out}"
+    return f"The bound {numeral(rounded_up(proof.bound, 5), 5)} holds for {proof.class_of_paths}.{left_out}"
 
 
 def answers_table(study: Study, joint: AnyJoint) -> Table:

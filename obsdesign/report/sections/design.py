@@ -8,17 +8,17 @@ from obsdesign.design.record import Design
 from obsdesign.report import derived_quantities as facts
 from obsdesign.report.figures import clearance_histories, eigenvector_panels, input_histories, path_map, spectra
 from obsdesign.report.names import criterion_name, path_in_words
-from obsdesign.report.number_format import NARROW, join, numeral, percent, plain
+from obsdesign.report.number_format import NARROW, join, numeral, percent, plain, rounded_up
 from obsdesign.report.section import Section
 from obsdesign.report.sections._paths import contributions_table, path_value, paths_table
 from obsdesign.report.table import Table, TableColumn, Toned, tabulate
 from obsdesign.scenario.path_names import DESIGNED, STRAIGHT, WEAVE
 from obsdesign.signals import DEGREES_PER_RADIAN
-from obsdesign.status import Status
 from obsdesign.study.record import Study
 
 _MAX_NAMED = 4  # optima that are named
 _LOOSE = 0.5  # share of the value: a bound farther away says nothing that helps
+_TINY = 1e-5  # share of the value: what is less is told as that much
 
 
 def section(study: Study) -> Section:
@@ -53,11 +53,11 @@ def _excess(design: Design) -> float:
 
 def _others(design: Design) -> str:
     """How much better another path may be at most, where there is a bound."""
-    if design.status is Status.OPTIMAL:
+    if design.gap <= 0:  # but for rounding
         return "no path is better"
     if not design.problem.criterion.scales_with_information:
-        return f"no path is above {numeral(design.bound, 5)}"
-    return f"no path is better by more than {percent(_excess(design))}"
+        return f"no path is above {numeral(rounded_up(design.bound, 5), 5)}"
+    return f"no path is better by more than {percent(rounded_up(max(_excess(design), _TINY)))}"
 
 
 def _gain(study: Study, ours: float, theirs: float) -> str:
@@ -200,7 +200,7 @@ def _proof(design: Design) -> str:
         return f"No bound on other paths is proven: {proof.reason}." if proof.reason else ""
     left_out = f" It makes no use of: {join(proof.left_out)}." if proof.left_out else ""
     why = f" A nearer one was looked for: {proof.reason}." if proof.reason else ""
-    return f"Proven: {_others(design)}, of {proof.class_of_paths}; the bound is {numeral(proof.bound, 5)}.{left_out}{why}"
+    return f"Proven: {_others(design)}, of {proof.class_of_paths}; the bound is {numeral(rounded_up(proof.bound, 5), 5)}.{left_out}{why}"
 
 
 def _search(design: Design) -> str:
