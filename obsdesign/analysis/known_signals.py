@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import casadi as ca
 
-from obsdesign.dynamics.model import Channel, Model, Noise
+from obsdesign.dynamics.channel import Channel, Noise
+from obsdesign.dynamics.model import Model
 from obsdesign.dynamics.motion import AffineMotion, moved_with
 
 

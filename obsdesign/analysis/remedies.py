@@ -16,7 +16,8 @@ from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_count, require_known, require_positive
 from obsdesign.display import AbstractDisplay, Summary
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model, Noise
+from obsdesign.dynamics.channel import Channel, Noise
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.sensors.abstract import AbstractSensor

@@ -9,7 +9,8 @@ from enum import Enum
 import numpy as np
 
 from obsdesign.dynamics.calibrated_system import CalibratedSystem, InputFit, OutputFit, SensorFit
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.channel import Channel
+from obsdesign.dynamics.model import AbstractSystem, Model
 
 
 class Quantity(Enum):

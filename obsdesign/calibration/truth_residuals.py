@@ -11,7 +11,8 @@ import numpy as np
 from obsdesign.calculus import wrap_columns
 from obsdesign.calibration.maximum import NORMAL_QUANTILE, UNTOLD, Maximum, Told, without_what_is_not_there
 from obsdesign.calibration.parameters import Parameter, Quantity
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.channel import Channel
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.simulation import readings
 from obsdesign.logs.log import Log
 from obsdesign.logs.truth import LogTruth

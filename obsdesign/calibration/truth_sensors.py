@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model, Noise
+from obsdesign.dynamics.channel import Channel, Noise
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.logs.log import Log
 from obsdesign.logs.samples import LogSamples
 from obsdesign.signals import Signal

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known, require_positive
+from obsdesign.dynamics.channel import Channel
 from obsdesign.dynamics.expressions import abbreviate, as_expression, require_dependence, require_expression
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model, columns
+from obsdesign.dynamics.model import AbstractSystem, Model, columns
 from obsdesign.dynamics.motion import AffineMotion
 from obsdesign.dynamics.output_noise import OutputNoise, noise_from
 from obsdesign.errors import InputError

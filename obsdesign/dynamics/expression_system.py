@@ -9,8 +9,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from obsdesign.checks import require_known, require_positive
+from obsdesign.dynamics.channel import Channel
 from obsdesign.dynamics.expressions import abbreviate, as_expression, require_dependence
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.motion import AbstractMotion
 from obsdesign.dynamics.output_noise import OutputNoise, noise_from
 from obsdesign.errors import InputError

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import as_pair, require_positive
-from obsdesign.dynamics.model import Noise
+from obsdesign.dynamics.channel import Noise
 from obsdesign.sensors.abstract import require_sampling
 from obsdesign.signals import Point
 

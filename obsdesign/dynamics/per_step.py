@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.channel import Channel
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, GeneralMotion
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal

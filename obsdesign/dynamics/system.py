@@ -12,7 +12,8 @@ import numpy as np
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.checks import require_known
-from obsdesign.dynamics.model import AbstractSystem, Channel, JointNoise, Model, Noise, columns
+from obsdesign.dynamics.channel import Channel, JointNoise, Noise
+from obsdesign.dynamics.model import AbstractSystem, Model, columns
 from obsdesign.dynamics.motion import AffineMotion
 from obsdesign.errors import InputError
 from obsdesign.sensors._corrections import corrections_of, system_states

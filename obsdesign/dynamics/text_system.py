@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from obsdesign.display import Summary
+from obsdesign.dynamics.channel import Channel
 from obsdesign.dynamics.control_affine import ControlAffineSystem
 from obsdesign.dynamics.discrete_system import DiscreteSystem
 from obsdesign.dynamics.general_system import GeneralSystem
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.motion import non_affine
 from obsdesign.dynamics.output_noise import OutputNoise
 from obsdesign.dynamics.system_text import SystemText, TextOutput

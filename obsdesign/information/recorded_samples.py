@@ -8,7 +8,8 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from obsdesign.dynamics.model import AbstractSystem, Channel, Model
+from obsdesign.dynamics.channel import Channel
+from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.per_step import PerStepSystem, held_columns, require_timed, require_uncorrelated
 from obsdesign.dynamics.scan import Scan
 from obsdesign.dynamics.simulation import inputs_along, join_inputs, readings, substeps_along
