@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
+from obsdesign.analysis.mending import Remedies, remedies
 from obsdesign.analysis.polynomial_inputs import Polynomial
 from obsdesign.analysis.query import Disturbance, observability_of
-from obsdesign.analysis.remedies import Remedies, remedies
 from obsdesign.arguments import validate_arguments
 from obsdesign.progress import Progress
 from obsdesign.scenario.schema import Scenario

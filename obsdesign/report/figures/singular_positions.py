@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.information.singular_set import SingularSet
+from obsdesign.information.position_grid import SingularSet
 from obsdesign.report.figures._drawing import INK, VERMILLION, WIDTH, styled_figure
 
 _DECADES = 4  # below the largest value, beyond which all is drawn alike
