@@ -226,6 +226,17 @@ def test_sensors_of_a_log_are_chosen_under_the_scenario_s_rules(tmp_path):
     np.testing.assert_array_equal(again.chosen, dwell.chosen)
     assert "of [selection] not asked of a log: question; sensors are chosen for the filter" in found["dwell"].notes
     assert not any("not asked" in note for note in found["free"].notes)
+    # errors on one drive of turns that begin with a, b and c: none of them is what round robin comes to
+    errors, segments, rmse = {each.name: each.rmse for each in found["free"].schedule_errors}, np.arange(len(free.chosen)), []
+    for first in range(3):
+        turns = (segments[:, None] + first) % 3 == np.arange(3)
+        active = turns[np.minimum(np.searchsorted(free.boundaries, drive.question.log.samples.t, side="right") - 1, len(turns) - 1)]
+        names = [free.sensors.index(drive.question.log.samples.names[s]) for s in drive.question.log.samples.sensor]
+        chosen = active[np.arange(len(names)), names]
+        question = drive.question
+        psds = {"disturbance_psd": question.disturbance_psd, "input_psd": question.input_psd}
+        rmse.append(od.replay(question.system, question.log, question.prior, active=chosen, estimator=question.estimator, **psds).rmse)
+    assert errors["round robin"] == pytest.approx(np.median(rmse), rel=1e-9)
 
 
 def has_dwell(chosen, least):

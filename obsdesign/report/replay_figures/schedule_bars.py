@@ -32,6 +32,7 @@ def picture(study: LogStudy) -> Picture | None:
 
     caption = (
         f"The filter on this log with the samples of {study.setup.choice.per_segment} of {len(study.replay.run.sensors)} sensors at a time:"
-        " as chosen, in turns, and by chance. Other noise would have made other errors: differences of a few per cent mean little."
+        " as chosen, in turns (the median of some beginnings), and by chance. Schedules are chosen by what the model predicts: one slip of"
+        " the wheels that it does not know of, or other noise, moves these errors by a tenth, and smaller differences mean little."
     )
     return Picture(inline_svg(styled_figure(0.8 + 0.36 * len(bars), paint), "bars", "Errors with schedules"), caption)
