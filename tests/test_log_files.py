@@ -14,6 +14,7 @@ import obsdesign as od
 from obsdesign.cli import main
 from obsdesign.dynamics.simulation import readings
 from obsdesign.logs.topic_map import load_topic_map
+from obsdesign.study.log_setup import file_setup
 
 BEACONS = ((60.0, 0.0), (0.0, 50.0))
 SYSTEM = od.System(
@@ -452,6 +453,40 @@ def test_arrays_of_a_ranging_run(tmp_path):
         np.savez(tmp_path / "bad.npz", **{**arrays, **change})
         with pytest.raises(od.InputError, match=message):
             od.read_log(tmp_path / "bad.npz", system)
+
+
+def test_what_is_wrong_with_a_ranging_run_is_named_by_the_rows_of_its_arrays(tmp_path):
+    t, file = np.arange(40.0), tmp_path / "run.npz"
+    arrays = {
+        "odom": np.column_stack([t, np.full(40, 0.5), np.zeros(40)]),
+        "gt": np.column_stack([t, 0.5 * t, np.zeros(40), np.zeros(40)]),
+        "ranges": np.column_stack([t, np.zeros(40), np.where(t % 2, 3.0, 7.0), np.hypot(30 - 0.5 * t, np.where(t % 2, 10.0, -20.0))]),
+        "beacons": np.array([[3.0, 30.0, 10.0], [7.0, 30.0, -20.0]]),
+    }
+
+    def changed(name, row, column, value):
+        array = arrays[name].copy()
+        array[row, column] = value
+        return {**arrays, name: array}
+
+    for wrong, message in (
+        (changed("ranges", 21, 3, np.nan), r"row 21, column 'beacon_3\.range': \[nan\] at t = 21 s is not finite"),
+        (changed("ranges", 20, 3, 1e200), r"row 20, column 'beacon_7\.range': a size of 1e\+200"),
+        (changed("ranges", 20, 2, 9.0), r"array 'ranges', row 20, column 2: beacon 9 is not among the beacons 3, 7"),
+        (changed("beacons", 1, 1, np.inf), r"array 'beacons', row 1: beacon 7 is at \[inf, -20\.0\]: must be finite"),
+        (changed("beacons", 1, 0, 3.0), r"array 'beacons', row 1: beacon 3 stands there twice"),
+        ({**arrays, "odom": arrays["odom"][:1]}, r"row 0, column 'odom\.distance': the only increment"),
+    ):
+        np.savez(file, **wrong)
+        with pytest.raises(od.InputError, match=rf"run\.npz, {message}"):
+            file_setup(file)
+    file.write_bytes(b"")
+    with pytest.raises(od.InputError, match="is no NPZ of numbers"):
+        file_setup(file)
+    np.savez(file, **{**arrays, "gt": arrays["gt"][:1]})
+    assert len(file_setup(file).log.truth.t) == 1
+    np.savez(file, **{**arrays, "ranges": np.repeat(arrays["ranges"], 2, axis=0)})
+    assert "20 values of 'beacon_3.range' stand there twice, first row 3, column" in file_setup(file).log.notes[0]
 
 
 def test_files_that_are_no_logs(tmp_path):

@@ -86,11 +86,17 @@ def read_csv_recording(file: Path) -> Recording:
         words = np.array([row[signal] for row in table.rows])
         groups = {str(word): np.flatnonzero(words == word) for word in dict.fromkeys(words.tolist())}
     columns = [column for column in range(len(table.header)) if column not in (time_column, signal)]
+    lines = np.array(table.lines)
     topics = {
-        name: Topic(name, times.t[rows], {table.names[c]: np.array([_number_or_nan(table.rows[row][c]) for row in rows]) for c in columns})
+        name: Topic(
+            name,
+            times.t[rows],
+            {table.names[c]: np.array([_number_or_nan(table.rows[row][c]) for row in rows]) for c in columns},
+            lines[rows],
+        )
         for name, rows in groups.items()
     }
-    return Recording(file, "table", topics, times.epoch, "row", (times.note,) if times.note else ())
+    return Recording(file, "table", topics, times.epoch, "line", (times.note,) if times.note else ())
 
 
 def _number_or_nan(word: str) -> float:

@@ -21,7 +21,7 @@ def load_npz(file: Path) -> dict[str, np.ndarray]:
     try:
         with np.load(file, allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
         raise InputError(f"{file}: is no NPZ of numbers: {error}") from None
     for name, values in found.items():
         if values.dtype.kind not in "biuf":
@@ -60,8 +60,25 @@ def _columns(file: Path, name: str, values: np.ndarray, fields: tuple[str, ...],
     return Topic(name, t, {field: values[:, i + 1].astype(float) for i, field in enumerate(fields)})
 
 
+def beacon_places(file: Path, values: np.ndarray) -> dict[float, tuple[float, float]]:
+    """Return where the beacons stand (x, y) [m] by their names, numbers.
+
+    Raises InputError for a place that is not finite, and for a name that stands there twice.
+    """
+    topic = _columns(file, "beacons", values, ("x", "y"), in_any_order=True)
+    wrong = ~np.isfinite(np.column_stack(list(topic.fields.values()))).all(axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError(f"{file}, array 'beacons', row {row}: beacon {topic.t[row]:g} is at {values[row, 1:].tolist()}: must be finite")
+    first = np.unique(topic.t, return_index=True)[1]
+    if len(first) < len(topic.t):
+        row = int(np.setdiff1d(np.arange(len(topic.t)), first)[0])
+        raise InputError(f"{file}, array 'beacons', row {row}: beacon {topic.t[row]:g} stands there twice: must be once")
+    return {float(name): (float(x), float(y)) for name, x, y in zip(topic.t, topic.fields["x"], topic.fields["y"], strict=True)}
+
+
 def _ranging_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topic]:
-    beacons = _columns(file, "beacons", arrays["beacons"], ("x", "y"), in_any_order=True).t
+    beacons = list(beacon_places(file, arrays["beacons"]))
     ranges = _columns(file, "ranges", arrays["ranges"], ("antenna", "beacon", "range"), in_any_order=True)
     unknown = np.flatnonzero(~np.isin(ranges.fields["beacon"], beacons))
     if len(unknown):
@@ -76,7 +93,7 @@ def _ranging_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topi
     }
     for beacon in beacons:
         chosen, name = ranges.fields["beacon"] == beacon, f"beacon_{beacon:g}"
-        topics[name] = Topic(name, ranges.t[chosen], {"range": ranges.fields["range"][chosen]})
+        topics[name] = Topic(name, ranges.t[chosen], {"range": ranges.fields["range"][chosen]}, np.flatnonzero(chosen))
     return topics
 
 
@@ -92,7 +109,7 @@ def _tag_topics(file: Path, arrays: dict[str, np.ndarray]) -> dict[str, Topic]:
         values = ranges[:, anchor]
         chosen = np.isfinite(values).all(axis=1)
         fields = {f"tag_{i}": values[chosen, i] for i in range(values.shape[1])}
-        topics[f"anchor_{anchor}"] = Topic(f"anchor_{anchor}", t[chosen], fields)
+        topics[f"anchor_{anchor}"] = Topic(f"anchor_{anchor}", t[chosen], fields, np.flatnonzero(chosen))
     return topics
 
 
@@ -137,4 +154,5 @@ def _column_series(topic: Topic, fields: tuple[str, ...], name: str) -> Series:
     is_angle = name == TRUTH + "heading"
     values = np.unwrap(values, axis=0) if is_angle else values
     column = f"{topic.name}.{'/'.join(fields)}"
-    return Series(name, topic.t, values, column, np.arange(len(topic.t)), "row", is_increment=topic.name == "odom")
+    rows = np.arange(len(topic.t)) if topic.rows is None else topic.rows
+    return Series(name, topic.t, values, column, rows, "row", is_increment=topic.name == "odom")

@@ -22,6 +22,8 @@ class Topic:
     """Times (K,) [s] of the messages."""
     fields: Mapping[str, np.ndarray]
     """Numbers (K,) of each field, in the file's units, nan where a message has none."""
+    rows: np.ndarray | None = None
+    """Where the messages stand in the file (K,); None = one after the other."""
 
     @property
     def rate(self) -> float:

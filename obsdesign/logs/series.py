@@ -18,8 +18,7 @@ from obsdesign.logs.time_gaps import gap_notes
 from obsdesign.logs.times import since_start
 from obsdesign.logs.truth import LogTruth
 
-_STUCK = 8  # samples that do not happen to be the same
-_LARGEST = 1e12  # of values in SI units; standard deviations are no smaller than its inverse
+_STUCK, _LARGEST = 8, 1e12  # samples that do not happen to be the same; a value in SI units, and the inverse of a standard deviation
 TRUTH = "truth."  # what the names of true states begin with
 
 
@@ -120,8 +119,8 @@ def _require_sizes(file: Path, series: Series, sizes: np.ndarray, accepted: tupl
     wrong = (sizes < accepted[0]) | (sizes > accepted[1])
     if wrong.any():
         row = int(np.argmax(wrong))
-        limits = f"{accepted[0]:g} and {accepted[1]:g}"
-        raise InputError(f"{file}, {series.place(row)}: a size of {sizes[row]:g} at t = {series.t[row]:.9g} s: must be between {limits}")
+        where, (low, high) = f"{file}, {series.place(row)}", accepted
+        raise InputError(f"{where}: a size of {sizes[row]:g} at t = {series.t[row]:.9g} s: must be between {low:g} and {high:g}")
 
 
 def _without_repeats(file: Path, series: Series, notes: list[str]) -> Series:
@@ -163,6 +162,8 @@ def _inputs(model: Model, file: Path, series: Sequence[Series]) -> LogInputs | N
     missing = [name for name in model.input_names if name not in [part.name for part in series if len(part.t)]]
     if missing:
         raise InputError(f"{file}: has no input {missing[0]!r}: the vehicle moves by {', '.join(model.input_names)}")
+    if single := [part for part in series if part.is_increment and len(part.t) == 1]:
+        raise InputError(f"{file}, {single[0].place(0)}: the only increment: over which time it came together is not told")
     if not series:
         return None
     times, values = _table(file, series)

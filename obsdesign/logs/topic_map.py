@@ -121,7 +121,8 @@ def _pick(recording: Recording, topic_map: TopicMap, name: str, entry: Mapping[s
         raise InputError(f"{place}: topic {topic.name!r} of {recording.file} has no message with these fields")
     sigma = topic.fields[entry["sigma"]][chosen] if "sigma" in entry else None
     columns = [topic.fields[key][chosen] for key in fields]
-    return _Picked(chosen + 1, topic.t[chosen], columns, sigma, f"{topic.name}.{'/'.join(fields)}")
+    rows = chosen + 1 if topic.rows is None else topic.rows[chosen]
+    return _Picked(rows, topic.t[chosen], columns, sigma, f"{topic.name}.{'/'.join(fields)}")
 
 
 def _chosen(topic: Topic, where: Mapping[str, float], columns: Sequence[np.ndarray]) -> np.ndarray:

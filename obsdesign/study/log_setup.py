@@ -13,7 +13,7 @@ from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.logs.log import Log
-from obsdesign.logs.npz import RANGING, TAGS, load_npz
+from obsdesign.logs.npz import RANGING, TAGS, beacon_places, load_npz
 from obsdesign.logs.reading import read_log
 from obsdesign.logs.truth import LogTruth
 from obsdesign.noise_density import DisturbancePsd, InputPsd
@@ -190,7 +190,7 @@ def file_setup(file: Path) -> LogSetup:
 
 
 def _ranging_setup(file: Path, arrays: dict[str, np.ndarray]) -> LogSetup:
-    beacons = {f"beacon_{name:g}": (float(x), float(y)) for name, x, y in arrays["beacons"]}
+    beacons = {f"beacon_{name:g}": place for name, place in beacon_places(file, arrays["beacons"]).items()}
     system = System(Unicycle(), tuple(Range(place, _RANGE_SIGMA, name=name) for name, place in beacons.items()))
     log = from_first_truth(_facing_forward(read_log(file, system)), ("x", "y"))
     return LogSetup(file.stem, file, system, log, {}, _RANGING_STD, ReplayTable(), None, None, LogChoice(), beacons)
@@ -215,7 +215,7 @@ def _facing_forward(log: Log) -> Log:
     step = max(len(x) // 2000, 1)
     dx, dy = np.diff(x[::step]), np.diff(y[::step])
     ahead = dx * np.cos(heading[::step][:-1]) + dy * np.sin(heading[::step][:-1])
-    moves = np.hypot(dx, dy) > min(_MOVES, float(np.nanmedian(np.hypot(dx, dy))))
+    moves = np.hypot(dx, dy) > min(_MOVES, float(np.nanmedian(np.hypot(dx, dy)))) if len(dx) else np.zeros(0, dtype=bool)
     if not moves.any() or np.nanmean(ahead[moves] > 0) > 0.5:
         return log
     turned = truth.x.copy()
