@@ -81,7 +81,7 @@ class GramRelaxation:
             return (self.value_of_positions - 1 / (level * _SUM_UP)) * (1 - 1e-14)
         level = level * (1 + share) * _SUM_UP
         if form.kind is LogDet:
-            return 2 * float(np.linalg.slogdet(form.M)[1]) + float(np.log(level)) + 2 * form.moment_rounding
+            return 2 * float(np.linalg.slogdet(form.M)[1]) + float(np.log(level)) + 2 * len(form.M) * form.moment_rounding
         return level
 
     @property
