@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import obsdesign as od
 from obsdesign.dynamics.system_text import SystemText, TextLandmark, TextOutput, TextParameter, TextQuantity
 from obsdesign.dynamics.text_system import TextSystem
+from obsdesign.formulas.casadi_text import formulas_of
 from obsdesign.formulas.casadi_value import _EXPRESSIONS, casadi_value, value_of
 from obsdesign.formulas.constants import dependence_order, entry_problems, problems_of_constants
 from obsdesign.formulas.exact_values import rational_value
@@ -296,6 +297,32 @@ def test_a_formula_whose_units_fit_changes_with_its_units_as_its_own_unit_does(s
     assert judged.problems == () and judged.unit is not None and judged.unit.agrees(u * u)
     before, after = (float(value_of(tree, {"x": 1.3 * s, "r": 0.7 / s})) for s in (1.0, scale))
     assert after == pytest.approx(before * scale**2)
+
+
+# ---------------------------------------------------------------- expressions as text
+
+
+@given(written(), st.lists(st.floats(0.5, 2.0), min_size=3, max_size=3))
+def test_expressions_are_shown_as_formulas_of_the_same_value(pair, point):
+    tree = parse_formula(f"sin({pair[0]}) - x^3/2 + min(x, lambda)*{pair[0]}")
+    symbols = {name: ca.SX.sym(name) for name in NAMES}
+    column = ca.vertcat(*symbols.values())
+    expression = casadi_value(tree, symbols)
+    shown = formulas_of(expression, column, list(NAMES))
+    if shown is not None:
+        value = float(ca.Function("f", [column], [expression])(point))
+        again = float(value_of(parse_formula(shown[0]), dict(zip(NAMES, point, strict=True))))
+        assert math.isclose(again, value, rel_tol=1e-9, abs_tol=1e-9)
+
+
+def test_systems_show_their_rates_and_outputs():
+    system = od.System(od.Dubins(speed=15.0, wind="constant"), (od.GPS(sigma=2.0), od.Bearing((500.0, 200.0), 0.1)))
+    for line in ("x'              15*cos(heading) + wind_x", "heading'        turn_rate", "atan2(200 - y, 500 - x) - heading"):
+        assert line in str(system)
+    x = ca.SX.sym("x", 2)
+    rate = ca.vertcat(x[0] ** 3, ca.if_else(x[0] > 0, 1, 2))  # formulas have no cases: none is shown
+    shown = str(od.ControlAffineSystem(x, ("a", "b"), rate, outputs={"y": x[0] - 1}))
+    assert "a'" not in shown and "a - 1" in shown
 
 
 # ---------------------------------------------------------------- names, constants, definitions

@@ -457,16 +457,21 @@ def test_any_table_is_a_system_or_is_refused(table):
     read_or_refuse(table)
 
 
-GOOD_FORMULAS = st.recursive(
-    st.sampled_from(["x", "y", "v", "k", "beacon.x", "pi", "2.5", "0", "1/3"]),
-    lambda inner: st.one_of(
-        st.tuples(inner, st.sampled_from("+-*/"), inner).map(lambda t: f"({t[0]} {t[1]} {t[2]})"),
-        st.tuples(st.sampled_from(["sin", "cos", "tanh", "sqrt", "exp", "abs", "log"]), inner).map(lambda t: f"{t[0]}({t[1]})"),
-        st.tuples(inner, st.sampled_from(["2", "3", "0.5", "-1", "k"])).map(lambda t: f"{t[0]}^{t[1]}"),
-        st.tuples(st.sampled_from(["atan2", "hypot", "min", "max"]), inner, inner).map(lambda t: f"{t[0]}({t[1]}, {t[2]})"),
-    ),
-    max_leaves=6,
-)
+@st.composite
+def formulas(draw: st.DrawFn, depth: int = 3) -> str:
+    """A formula whose names are right."""
+    kind = draw(st.sampled_from(["leaf", "operation", "function", "power", "pair"])) if depth else "leaf"
+    if kind == "leaf":
+        return draw(st.sampled_from(["x", "y", "v", "k", "beacon.x", "pi", "2.5", "0", "1/3"]))
+    inner = draw(formulas(depth - 1))
+    if kind == "function":
+        return f"{draw(st.sampled_from(['sin', 'cos', 'tanh', 'sqrt', 'exp', 'abs', 'log']))}({inner})"
+    if kind == "power":
+        return f"({inner})^{draw(st.sampled_from(['2', '3', '0.5', '(-1)', 'k']))}"
+    other = draw(formulas(depth - 1))
+    if kind == "operation":
+        return f"({inner} {draw(st.sampled_from('+-*/'))} {other})"
+    return f"{draw(st.sampled_from(['atan2', 'hypot', 'min', 'max']))}({inner}, {other})"
 
 
 @st.composite
@@ -477,8 +482,8 @@ def likely_systems(draw: st.DrawFn) -> dict[str, Any]:
         "inputs": ["v"],
         "constants": ["k"],
         "landmarks": {"beacon": [1.0, 2.0]},
-        "rates": {"x": draw(GOOD_FORMULAS), "y": draw(GOOD_FORMULAS)},
-        "outputs": {"h": draw(GOOD_FORMULAS), "pair": {"of": ["x", draw(GOOD_FORMULAS)]}},
+        "rates": {"x": draw(formulas()), "y": draw(formulas())},
+        "outputs": {"h": draw(formulas()), "pair": {"of": ["x", draw(formulas())]}},
     }
 
 

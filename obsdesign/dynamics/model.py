@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -244,8 +244,23 @@ class AbstractSystem(AbstractDisplay):
             ("inputs", ", ".join(signal.name for signal in model.inputs) or "none"),
             ("unknown inputs", ", ".join(signal.name for signal in model.unknown_inputs) or "none"),
             ("sensors", ", ".join(channel.name for channel in model.channels) or "none"),
+            *_formula_rows(model),
         ]
         return Summary(f"system of {len(model.states)} states", tuple(rows))
+
+
+def _formula_rows(model: Model) -> Iterator[tuple[str, str]]:
+    """Rates, or next values, and outputs as formulas, where all of them are short."""
+    import casadi as ca
+
+    from obsdesign.formulas.casadi_text import formulas_of
+
+    symbols = ca.vertcat(model.x, model.u, model.w)
+    names = (*model.state_names, *model.input_names, *(signal.name for signal in model.unknown_inputs))
+    moved, seen = (formulas_of(expression, symbols, names) for expression in (model.motion.at(model.u, model.w), model.h))
+    mark = "'" if model.period is None else "+"
+    yield from ((f"{name}{mark}", formula) for name, formula in zip(model.state_names, moved or (), strict=False))
+    yield from ((signal.name, formula) for signal, formula in zip(model.outputs, seen or (), strict=False))
 
 
 @lru_cache(256)
