@@ -141,21 +141,23 @@ def test_the_same_study_gives_the_same_page(tmp_path: Path):
     assert analysis_page(study) == analysis_page(study)
 
 
-def test_what_would_mend_a_case_is_said_and_mends_it(tmp_path: Path):
+def test_why_a_case_hides_something_is_said_and_what_would_mend_it(tmp_path: Path):
     """GPS on a straight leg: heading against wind. A compass, or letting go of the turn rate, tells them apart."""
     text = (
         'vehicle = {kind = "unicycle", wind = "constant"}\nsensors = [{kind = "gps", sigma = 2.0}]\n'
         '[[manoeuvres]]\nname = "straight"\nheld = {speed = 15.0, turn_rate = 0.0}\n[[manoeuvres]]\nname = "free"\n'
     )
     study = study_of(tmp_path, text)
-    ((analysis, answer),) = study.mended
-    assert analysis.manoeuvre == "straight"
-    words = [remedy.in_words for remedy in answer.cheapest]
+    (case,) = study.hidden
+    assert case.analysis.manoeuvre == "straight"
+    words = [remedy.in_words for remedy in case.remedies.cheapest]
     assert "add magnetometer" in words
     assert "let turn_rate vary" in words
-    assert all(remedy.verdict.observable for remedy in answer.cheapest)
+    assert all(remedy.verdict.observable for remedy in case.remedies.cheapest)
+    assert any("turn_rate is held: where it varies 5 dimensions are seen" in reason.in_words for reason in case.reasons)
     assert "What would mend it" in analysis_page(study)
-    assert analysis_document(study).mended[0].remedies == words
+    part = analysis_document(study).hidden[0]
+    assert (part.remedies, part.reasons) == (words, [reason.in_words for reason in case.reasons])
 
 
 def test_along_a_path_the_stretch_on_the_circle_is_the_one_that_hides_the_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

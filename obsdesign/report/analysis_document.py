@@ -8,7 +8,7 @@ from obsdesign.report.document_parts import DocumentPart, ScenarioPart, VerdictP
 from obsdesign.report.expectations import Expectation, check_expectations
 from obsdesign.report.question_to_document import scenario_part, verdict_part, versions
 from obsdesign.study.analysis_along import AlongPath
-from obsdesign.study.analysis_study import AnalysisStudy
+from obsdesign.study.analysis_study import AnalysisStudy, HiddenCase
 
 
 class StretchPart(DocumentPart):
@@ -32,11 +32,12 @@ class AlongPart(DocumentPart):
     notes: list[str]
 
 
-class MendedPart(DocumentPart):
-    """What would mend a case in which all sensors together do not see the state."""
+class HiddenPart(DocumentPart):
+    """A case in which all sensors together do not see the state."""
 
     manoeuvre: str
     disturbance: str
+    reasons: list[str] = Field(description="why, each a theorem whose hypotheses hold")
     remedies: list[str] = Field(description="in words, the cheapest first; none: nothing that was tried mends it")
     tried: list[str]
 
@@ -49,7 +50,7 @@ class AnalysisDocument(DocumentPart):
     versions: dict[str, str]
     at: dict[str, float] | None = Field(description="the state that is asked about; null: almost every one")
     verdicts: dict[str, dict[str, dict[str, VerdictPart]]] = Field(description="by manoeuvre, by disturbance, by sensors joined with +")
-    mended: list[MendedPart] = Field(description="what would mend each case in which all sensors together do not see the state")
+    hidden: list[HiddenPart] = Field(description="cases in which all sensors together do not see the state: why, and what would mend it")
     along: AlongPart | None = Field(default=None, description="null: no path was given")
     expected: list[Expectation]
 
@@ -67,19 +68,21 @@ def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
         versions=versions(),
         at=None if study.at is None else dict(zip(scenario.state_names, study.at.tolist(), strict=True)),
         verdicts=verdicts,
-        mended=[
-            MendedPart(
-                manoeuvre=analysis.manoeuvre,
-                disturbance=analysis.verdict.disturbance,
-                remedies=[remedy.in_words for remedy in answer.cheapest],
-                tried=list(answer.offered),
-            )
-            for analysis, answer in study.mended
-        ],
+        hidden=list(map(_hidden_part, study.hidden)),
         along=None if study.along is None else _along_part(study.along),
         expected=[],
     )
     return draft.model_copy(update={"expected": check_expectations(scenario.expected, draft.model_dump())})
+
+
+def _hidden_part(case: HiddenCase) -> HiddenPart:
+    return HiddenPart(
+        manoeuvre=case.analysis.manoeuvre,
+        disturbance=case.analysis.verdict.disturbance,
+        reasons=[reason.in_words for reason in case.reasons],
+        remedies=[remedy.in_words for remedy in case.remedies.cheapest],
+        tried=list(case.remedies.offered),
+    )
 
 
 def _along_part(along: AlongPath) -> AlongPart:

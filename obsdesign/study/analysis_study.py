@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from obsdesign.analysis.explanation import Reason, explain
 from obsdesign.analysis.mending import Remedies, remedies
 from obsdesign.analysis.polynomial_inputs import Polynomial
 from obsdesign.analysis.query import Disturbance, observability_of
@@ -23,10 +24,19 @@ _FEW_SENSORS = 5  # of which every subset is looked at
 
 
 @dataclass(frozen=True, eq=False)
+class HiddenCase:
+    """A case in which all sensors together do not see the state: why, and what would mend it."""
+
+    analysis: Analysis
+    reasons: tuple[Reason, ...]
+    remedies: Remedies
+
+
+@dataclass(frozen=True, eq=False)
 class AnalysisStudy:
     """The verdicts of a scenario: sensors within manoeuvres within disturbances; at (n,): the state asked about, None = generic.
 
-    along: what the motion along a path or a log hides, None where there is none; mended: what would mend each case in which all sensors
+    along: what the motion along a path or a log hides, None where there is none; hidden: the cases in which all sensors
     together do not see the state.
     """
 
@@ -35,7 +45,7 @@ class AnalysisStudy:
     at: np.ndarray | None
     analyses: tuple[Analysis, ...]
     along: AlongPath | None = None
-    mended: tuple[tuple[Analysis, Remedies], ...] = ()
+    hidden: tuple[HiddenCase, ...] = ()
 
     @property
     def manoeuvres(self) -> tuple[str, ...]:
@@ -75,7 +85,7 @@ def analyse_scenario(scenario: Scenario, seed: int | None = None, progress: Prog
         )
         analyses.append(Analysis(case.manoeuvre.name, case.sensors, verdict))
     study = AnalysisStudy(scenario, seed, at, tuple(analyses))
-    return replace(study, mended=tuple(_remedies_of(study, cases, progress)))
+    return replace(study, hidden=tuple(_hidden_cases(study, cases, progress)))
 
 
 def point_of(scenario: Scenario) -> np.ndarray | None:
@@ -94,16 +104,16 @@ def subsets_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
     return given or tuple(subset for size in sizes for subset in combinations(names, size))
 
 
-def _remedies_of(study: AnalysisStudy, cases: Sequence[_Case], progress: Progress | None) -> Iterator[tuple[Analysis, Remedies]]:
-    """Yield what would mend the cases of all sensors that hide something; none where states are known at the start."""
+def _hidden_cases(study: AnalysisStudy, cases: Sequence[_Case], progress: Progress | None) -> Iterator[HiddenCase]:
+    """Yield the cases of all sensors that hide something; none where states are known at the start."""
     scenario, names = study.scenario, set(study.scenario.sensor_names)
     for case, analysis in zip(cases, study.analyses, strict=True):
         if set(case.sensors) != names or analysis.verdict.observable or scenario.analysis.known_at_start:
             continue
         if progress is not None:
-            progress(f"What would mend {case_name(study, analysis)}?")
-        settings = scenario.analysis.known_inputs
-        yield analysis, remedies(scenario.system, study.at, case.manoeuvre.held, case.disturbance, settings, study.seed)
+            progress(f"Why, and what would mend it: {case_name(study, analysis)}")
+        question = (study.at, case.manoeuvre.held, case.disturbance, scenario.analysis.known_inputs, study.seed)
+        yield HiddenCase(analysis, explain(scenario.system, *question).reasons, remedies(scenario.system, *question))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from obsdesign.report.section import Section
 from obsdesign.report.sections.observability import hidden_table
 from obsdesign.report.table import Table, TableColumn, tabulate
 from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart
+from obsdesign.study.record import Analysis
 
 _SHOWN = 5  # remedies of a case
 
@@ -22,27 +23,29 @@ def section(study: AnalysisStudy) -> Section | None:
         return None
     who = "all sensors together" if len(study.scenario.sensor_names) > 1 else "the sensor"
     tables = [*_remedies_tables(study), *(hidden_table(study.scenario.states, who, analysis) for analysis in missing)]
-    several = len(missing) > 1
-    notes = [f"{analysis.manoeuvre}: {_sentence(analysis.verdict)}" if several else _sentence(analysis.verdict) for analysis in missing]
+    notes = [_sentence(study, analysis) for analysis in missing]
     return Section("hidden", "What stays hidden, and why?", "", (), tuple(tables), tuple(dict.fromkeys(notes)))
 
 
 def _remedies_tables(study: AnalysisStudy) -> Iterator[Table]:
     """What would mend each case, the cheapest first."""
-    if not study.mended:
+    if not study.hidden:
         return
     rows = []
-    for analysis, answer in study.mended:
-        name = case_name(study, analysis)
-        rows += [(name, remedy.in_words) for remedy in answer.cheapest[:_SHOWN]]
-        if not answer.cheapest:
-            rows.append((name, f"nothing of {join(answer.offered) or 'what is there'}, up to {answer.at_once} at once"))
-    good = "Each was tried: with it every state is seen. One of them is enough."
+    for case in study.hidden:
+        tried, cheapest = case.remedies, case.remedies.cheapest[:_SHOWN]
+        nothing = f"nothing of {join(tried.offered, 'or') or 'what there is'}, up to {tried.at_once} at once"
+        rows.append((case_name(study, case.analysis), join([remedy.in_words for remedy in cheapest], "or") or nothing))
+    good = "Each of them was tried: with it every state is seen."
     yield tabulate("What would mend it", good, (TableColumn("case"), TableColumn("mended by")), rows)
 
 
-def _sentence(verdict: Verdict) -> str:
-    return typeset(f"{verdict.hidden}.")
+def _sentence(study: AnalysisStudy, analysis: Analysis) -> str:
+    """Say what a case hides, and why; analysis: of a case that bears its name."""
+    verdict = analysis.verdict
+    whose = next((case for case in study.hidden if case.analysis.verdict is verdict), None)
+    because = "" if whose is None or not whose.reasons else f" Because {join([reason.in_words for reason in whose.reasons])}."
+    return typeset(f"{analysis.manoeuvre}: {verdict.hidden}.{because}")
 
 
 def growth_section(study: AnalysisStudy) -> Section:
