@@ -45,7 +45,8 @@ def _answer(study: LogStudy) -> str:
     is_later = run.t > (np.mean(run.question.log.span) if is_half else -np.inf)
     is_told = is_later & np.isfinite(run.error[:, run.question.places]).all(axis=1)
     where = " in the second half of the log" if is_half else ""
-    return f"The filter errs by {error} in {about}{where}; the best possible one errs by {with_unit(_bound(study, is_told), signal)} there."
+    bound = with_unit(_bound(study, is_told), signal)
+    return f"The filter errs by {error} in {about}{where}; over many such drives no filter errs by less than {bound} there."
 
 
 def _bound(study: LogStudy, is_counted: np.ndarray) -> float:
