@@ -30,8 +30,9 @@ def init(options: Namespace) -> Outcome:
     write_files(Path(), {file.name: text_to_edit(starter), SCHEMA_FILE: schema})
     shown = (
         f"Written: {file} ({starter.title}), and {SCHEMA_FILE}, from which editors complete it.",
-        f"  obsdesign run     answers its questions: open reports/{file.stem}/report.html",
-        "  obsdesign check   says what is wrong with it when you have changed it",
+        f"  obsdesign run      answers its questions: open reports/{file.stem}/report.html",
+        f"  obsdesign analyse  says only what its sensors can see, in seconds: open reports/{file.stem}/analysis.html",
+        "  obsdesign check    says what is wrong with it when you have changed it",
     )
     return Outcome({"scenario": str(file), "schema": SCHEMA_FILE, "template": starter.name}, shown)
 
