@@ -24,12 +24,13 @@ def drive(seed=0, steps=400, dt=0.25, moved=None, epoch=0.0):
         x = x + random.standard_normal(3) * np.sqrt(np.array(PSD) * dt)
         states.append(x)
     states, t = np.array(states), dt * np.arange(steps + 1)
-    times, sensor = np.sort(random.uniform(0.0, t[-1], 500)), random.integers(0, 4, 500)
+    count = 500 * steps // 400
+    times, sensor = np.sort(random.uniform(0.0, t[-1], count)), random.integers(0, 4, count)
     at = np.column_stack([np.interp(times, t, states[:, i]) for i in range(2)])
     places = np.array(BEACONS)
     if moved is not None:
         places[moved] += [6.0, -5.0]
-    y = np.linalg.norm(at - places[sensor], axis=1) + 0.5 * random.standard_normal(500)
+    y = np.linalg.norm(at - places[sensor], axis=1) + 0.5 * random.standard_normal(count)
     inputs = od.LogInputs(("speed", "turn_rate"), t[:-1] + epoch, u)
     return od.Log(inputs, od.LogSamples(NAMES, times + epoch, sensor, y), od.LogTruth(("x", "y", "heading"), t + epoch, states))
 
@@ -65,14 +66,14 @@ def test_on_an_even_grid_it_is_the_filter_and_the_posterior():
 
 
 def test_the_order_of_rows_and_the_beginning_of_time_change_nothing():
-    log = drive()
-    order = np.random.default_rng(2).permutation(500)
+    log = drive(steps=120)
+    order = np.random.default_rng(2).permutation(150)
     samples = log.samples
     shuffled = od.LogSamples(NAMES, samples.t[order], samples.sensor[order], samples.y[order])
-    options = {"disturbance_psd": PSD, "along": "truth", "restarts": 2}
+    options = {"disturbance_psd": PSD, "along": "truth", "restarts": 2, "window": 5.0}
     first = od.replay(SYSTEM, log, PRIOR, **options)
     again = od.replay(SYSTEM, od.Log(log.inputs, shuffled, log.truth), PRIOR, **options)
-    later = od.replay(SYSTEM, drive(epoch=1.7e9), PRIOR, **options)
+    later = od.replay(SYSTEM, drive(steps=120, epoch=1.7e9), PRIOR, **options)
     for other, tolerance in ((again, 1e-12), (later, 1e-4)):  # Unix times have 1e-7 s to their last digit
         assert other.estimate == pytest.approx(first.estimate, rel=tolerance, abs=tolerance)
         assert other.bound == pytest.approx(first.bound, rel=tolerance)
@@ -147,7 +148,7 @@ def test_restarted_filters_err_as_the_bound_says_and_a_linear_one_exactly():
 
 
 def test_growth_is_what_leaving_a_sensor_out_does_to_the_posterior():
-    log, wide = drive(), od.Prior(PRIOR.mean, std=(3.0, 3.0, 0.3))
+    log, wide = drive(steps=120), od.Prior(PRIOR.mean, std=(3.0, 3.0, 0.3))
     found = od.replay(SYSTEM, log, wide, disturbance_psd=PSD, along="truth", restarts=2)
     for s in (0, 3):
         window = found.windows[1]
@@ -172,9 +173,9 @@ def test_what_is_hidden_is_told_with_the_samples_that_arrived():
 
 
 def test_a_schedule_is_of_the_samples_that_arrived_and_replays():
-    log = drive()
+    log = drive(steps=200)
     found = od.replay(SYSTEM, log, PRIOR, disturbance_psd=PSD, along="truth")
-    schedule = found.schedule(segment=20.0, step=1.0)
+    schedule = found.schedule(segment=10.0, step=1.0)
     assert schedule.chosen.shape == (5, 4) and schedule.bound <= schedule.value * (1 + 1e-9)
     chosen = od.replay(SYSTEM, log, PRIOR, disturbance_psd=PSD, along="truth", active=schedule)
     assert len(chosen.question.log.samples.t) < len(log.samples.t) and chosen.rmse > found.rmse * 0.9
