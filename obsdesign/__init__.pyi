@@ -2,6 +2,8 @@ from .analysis.explanation import ExplainedVerdict as ExplainedVerdict
 from .analysis.explanation import Reason as Reason
 from .analysis.explanation import ReasonKind as ReasonKind
 from .analysis.explanation import explain as explain
+from .analysis.markers import LandmarkNeeds as LandmarkNeeds
+from .analysis.markers import landmark_needs as landmark_needs
 from .analysis.mending import Remedies as Remedies
 from .analysis.mending import Remedy as Remedy
 from .analysis.mending import remedies as remedies
