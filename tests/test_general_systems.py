@@ -229,3 +229,17 @@ def test_as_many_runs_as_it_takes(next_state: tuple[ca.SX, ...], output: ca.SX, 
     )
     verdict = od.observability(system)
     assert (verdict.dimension, verdict.decided) == (dimension, True)
+
+
+def test_a_map_at_a_point_that_rests_without_inputs():
+    # a_k = sum of u, b constant, y = a b: at (0, 0) every y_k changes with b alone, from the second sample on; nearby both are seen
+    system = discrete([A + U, B], [A * B], "u")
+    verdict = od.observability(system, at=[0.0, 0.0])
+    assert (verdict.dimension, verdict.ranks, verdict.observable_states, verdict.decided) == (1, (0, 1), ("b",), True)
+    assert od.observability(system).dimension == 2
+
+
+def test_a_map_at_a_point_where_no_more_is_seen_than_elsewhere():
+    # c is seen nowhere, and where the solution goes from (1, 2, 3) is not asked: no point shows more than random ones
+    verdict = od.observability(discrete([A + B, A * B, C * A], [A]), at=[1.0, 2.0, 3.0])
+    assert (verdict.dimension, verdict.stopped_by, verdict.decided) == (2, "cap", True)

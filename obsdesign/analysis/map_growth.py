@@ -4,7 +4,8 @@ Along a solution x_0, x_1, ... let V_k(x_0) be the changes of the state that no 
 inputs: V_k+1(x_0) = ker C_0 and what A_0 takes, but for im B_0, to V_k(x_1). If for k the dimension of V_k+1(x_j) is that of V_k(x_j) at
 x_0, x_1, ..., x_J, it is so for all larger k, where the solution's random states after J steps are random ones of the set in which x_J
 is: of the images M_j of all states under j steps. With M_1 part of M_0 or M_0 part of M_1 these sets follow upon each other, and the
-first that has the dimension of the next is the last. No more than a stall at x_0 is no end: x+ = (0, d, b, a), y = (a, a b, c) has
+first that has the dimension of the next is the last: M_0 is part of M_1 where it is a state that rests without inputs, and where the map
+is onto and M_0 all states, several times each. No more than a stall at x_0 is no end: x+ = (0, d, b, a), y = (a, a b, c) has
 dimension 3, 3, 4.
 """
 
@@ -28,7 +29,7 @@ class MapSolutions:
     """Solutions from one state under several sequences of known inputs and one of unknown inputs, modulo the prime.
 
     A, U, B, C: for each solution and each step the derivatives of next state and outputs, as rows. is_point: whether that state is one
-    that was asked about, not any; is_at_rest: whether it is the next one, too, for all inputs, as there are none.
+    that was asked about, not any; is_at_rest: whether it is the next one, too, where all inputs are 0.
     """
 
     A: tuple[tuple[Rows, ...], ...]
@@ -77,17 +78,15 @@ class MapSolutions:
     def settles_at(self) -> int | None:
         """Return the step J from which on the solutions' states are random ones of one set; None where that is not seen."""
         size = self.count * self.n
-        if self.is_point and self.is_at_rest:
-            return 0
         T: Rows = [] if self.is_point else [[int(i % self.n == j) for i in range(size)] for j in range(self.n)]
         dimensions = [len(T)]
         for k in range(len(self.A[0]) - 1):
             T = self._image(T, k)
             dimensions.append(len(T))
         is_onto = rank_modulo(self._image([[int(i == j) for i in range(size)] for j in range(size)], 0)) == size
-        if self.is_point:
+        if self.is_point and not self.is_at_rest:
             return next((j for j, dimension in enumerate(dimensions) if dimension == size), None) if is_onto else None
-        if self.count > 1 and not is_onto:
+        if self.count > 1 and not is_onto and not self.is_point:
             return None
         return next((j for j in range(len(dimensions) - 1) if dimensions[j] == dimensions[j + 1]), None)
 
@@ -112,7 +111,6 @@ def solutions_of(experiments: Experiments, steps: int, *, is_point: bool) -> Map
     """Return the solutions of experiments with a map, modulo the prime, over so many steps. Raises ZeroDivisionError at a pole."""
     flow, arithmetic = experiments.equations.map_flow, experiments.point.arithmetic
     matrices: dict[str, list[tuple[Rows, ...]]] = {name: [] for name in "AUBC"}
-    is_at_rest = not (flow.u.numel() or flow.w.numel())
     for i in range(experiments.count):
         arguments = experiments.arguments(i)
         x, along = list(arguments.x), {name: [] for name in "AUBC"}
@@ -121,10 +119,12 @@ def solutions_of(experiments: Experiments, steps: int, *, is_point: bool) -> Map
             for name, values in along.items():
                 matrix = flow.matrix(name, arithmetic, at_step)
                 values.append(matrix.tolist() if matrix.ncols() else [[] for _ in range(matrix.nrows())])
-            x_next = evaluate(flow.graphs["F"][1], at_step, arithmetic)
-            x, is_at_rest = x_next, is_at_rest and all(a == b for a, b in zip(x, x_next, strict=True))
+            x = evaluate(flow.graphs["F"][1], at_step, arithmetic)
         for name, values in along.items():
             matrices[name].append(tuple(values))
+    first, zero = experiments.arguments(0), arithmetic.number(0)
+    idle = [first.x, [zero] * flow.u.numel(), [zero] * flow.w.numel(), first.constants]
+    is_at_rest = is_point and all(a == b for a, b in zip(first.x, evaluate(flow.graphs["F"][1], idle, arithmetic), strict=True))
     return MapSolutions(*(tuple(matrices[name]) for name in "AUBC"), is_point=is_point, is_at_rest=is_at_rest)
 
 

@@ -94,13 +94,13 @@ def _usable_points(equations: Equations, region: SamplingRegion) -> Iterator[Eva
         raise InputError(f"no random point was found in the domain of every function ({failure}): give a point")
 
 
-def _finding(equations: Equations, growth: MapGrowth, rank: Rank, point: EvaluationPoint, cap: int | None) -> EngineResult:
+def _finding(equations: Equations, growth: MapGrowth, rank: Rank, point: EvaluationPoint, cap: _Cap | None) -> EngineResult:
     n, ranks = equations.n, cut_after_growth([min(dimension, rank.rank) for dimension in growth.dimensions])
     samples = f"{growth.order + 1} sample{'s' * (growth.order > 0)}"
     if rank.rank == n:
         return EngineResult(rank, point, ranks, "full", f"no more is possible; by {samples}")
-    if cap is not None and rank.rank == cap:
-        return EngineResult(rank, point, ranks, "cap", f"no more is possible: it is as much if the inputs are known; by {samples}")
+    if cap and rank.rank == cap.dimension:
+        return EngineResult(rank, point, ranks, "cap", f"no more is possible: {cap.reason}; by {samples}")
     if not rank.is_decided:
         why = f"{precision_text(rank)}, and at most {growth.dimension} {zero_test_text(equations.is_rational)}"
         return EngineResult(rank, point, ranks, "precision", why)
@@ -124,12 +124,26 @@ def _rank_at(equations: Equations, growth: MapGrowth, point: EvaluationPoint) ->
     return replace(later, is_decided=rank.is_decided and later.is_decided and rank.rank == later.rank)
 
 
-def _cap(equations: Equations, smooth: bool, seed: int, point: EvaluationPoint | None, growth: MapGrowth) -> int | None:
-    """Return the dimension for somebody who knows the unknown inputs, where that may decide: nothing else has."""
-    if growth.has_ended or not equations.unknown_fields:
+@dataclass(frozen=True)
+class _Cap:
+    """What a dimension is at most, and why."""
+
+    dimension: int
+    reason: str
+
+
+def _cap(equations: Equations, smooth: bool, seed: int, point: EvaluationPoint | None, growth: MapGrowth) -> _Cap | None:
+    """Return what the dimension is at most, where no end was seen: what is seen with all inputs known, there or at random states."""
+    if growth.has_ended or not (equations.unknown_fields or point):
         return None
-    known = _growth(with_inputs_of_map_known(equations), smooth, seed, point)
-    return known.dimension if known.has_ended else None
+    caps: list[_Cap] = []
+    all_known = with_inputs_of_map_known(equations) if equations.unknown_fields else equations
+    inputs = "if the inputs are known" if equations.unknown_fields else ""
+    if inputs and (there := _growth(all_known, smooth, seed, point)).has_ended:
+        caps.append(_Cap(there.dimension, f"it is as much {inputs}"))
+    if point and (nearby := _growth(all_known, smooth, seed, None)).has_ended:
+        caps.append(_Cap(nearby.dimension, f"the generic rank is the same {inputs}".strip()))
+    return min(caps, key=lambda cap: cap.dimension, default=None)
 
 
 def with_inputs_of_map_known(equations: Equations) -> Equations:
