@@ -20,6 +20,7 @@ NAMES = (
     "files",
     "startup",
     "fuzz",
+    "guided_fuzz",
 )
 
 
