@@ -72,7 +72,8 @@ def all_finite(values: np.ndarray) -> bool:
     import numpy as np
 
     # the sum takes a third of the time, and says no only where it overflows itself
-    return math.isfinite(np.add.reduce(values, axis=None)) or bool(np.isfinite(values).all())
+    with np.errstate(over="ignore", invalid="ignore"):
+        return math.isfinite(np.add.reduce(values, axis=None)) or bool(np.isfinite(values).all())
 
 
 def as_pair(what: str, values: Any) -> tuple[float, float]:  # noqa: ANN401  # whatever a caller took for a pair

@@ -114,6 +114,10 @@ MEANT = {
         lambda t, name, v: (t, name, -1e20 if name == "speed" and t == 20 else v),
         r"line \d+, column 'speed': a size of 1e\+20",
     ),
+    "a turn that none makes": (
+        lambda t, name, v: (t, name, -1e6 if name == "turn_rate" and t == 20 else v),
+        r"column 'turn_rate': 1e\+06 at t = 20 s, where 90 % of its numbers are below 0\.[23]",
+    ),
     "a clock that is set": (
         lambda t, *rest: (t + 1.7e9 if t > 30 else t, *rest),
         r"line \d+, column 'speed': t = 1\.7\S*e\+09 s is .* was the clock set",

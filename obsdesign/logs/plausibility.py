@@ -25,12 +25,14 @@ _MAX_ANGLE = 7.0  # no angle that wraps is larger [rad]
 _FAR = 4.0  # how many times nearer values are in the unit that is meant
 _LENGTHS = (Range, RangeBearing, Airspeed, SpeedOverGround)  # sensors whose first output is not negative
 _BELOW = 4.0  # standard deviations below 0 that noise does not reach
+_USUAL, _FASTEST = 0.9, 1e4  # share of an input's readings; SI units, and as many times what is usual, that no input reaches
 _NOISE = 5.0  # standard deviations within which readings are as they should be
 
 
 def require_plausible(file: Path, system: AbstractSystem, log: Log) -> None:
     """Raise InputError where numbers are off by a factor that a unit explains, with the column and the unit that would fit."""
     _require_lengths(file, system, log)
+    _require_speeds(file, system, log)
     require_true_degrees(file, system, log)
     motion = dict(motion_ratios(system, log))
     require_seconds(file, motion)
@@ -86,6 +88,23 @@ def _ratio(output: Signal, values: np.ndarray, expected: np.ndarray, spread: np.
         return 1.0
     true = float(np.median(np.abs(expected)))
     return float(np.median(np.abs(values))) / true if true > 0 else float("nan")
+
+
+def _require_speeds(file: Path, system: AbstractSystem, log: Log) -> None:
+    """Raise InputError for a reading of a speed or a turn rate that no vehicle has, beside which all others are nothing."""
+    if log.inputs is None:
+        return
+    units = {signal.name: signal.unit for signal in system.model.inputs}
+    for name, values in zip(log.inputs.names, np.abs(log.inputs.u).T, strict=True):
+        if units.get(name) not in ("m/s", "rad/s"):
+            continue
+        largest = float(np.nanmax(values, initial=0.0))
+        usual = float(np.nanquantile(values, _USUAL)) if largest > _FASTEST else largest
+        if largest > _FASTEST * max(usual, 1.0):
+            raise InputError(
+                f"{file}, column {name!r}: {largest:g} at t = {log.inputs.t[int(np.nanargmax(values))]:.9g} s, where"
+                f" {100 * _USUAL:g} % of its numbers are below {usual:.3g}"
+            )
 
 
 def _require_lengths(file: Path, system: AbstractSystem, log: Log) -> None:
