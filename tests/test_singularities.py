@@ -23,7 +23,7 @@ def through_the_circle(angle, turn_sign=1.0):
     return od.simulate(SYSTEM, (*start, heading, *SLIPS), velocities - SLIPS, STEP)
 
 
-@pytest.mark.parametrize("angle", [0.7, 2.9, -1.2])
+@pytest.mark.parametrize("angle", [0.7, -1.2])
 def test_a_path_that_enters_follows_and_leaves_the_circle_is_hidden_while_it_follows(angle):
     # crossing radially, and leaving along the tangent, hide nothing; along C all bearings stay if the heading turns half as fast
     path = through_the_circle(angle)
@@ -42,7 +42,7 @@ def test_a_path_that_enters_follows_and_leaves_the_circle_is_hidden_while_it_fol
     assert np.allclose(found.circle.paper_relation[PHASE : 2 * PHASE, 0], RADIUS)
 
 
-@pytest.mark.parametrize("orders", [2, 4, 6])
+@pytest.mark.parametrize("orders", [2, 5])
 def test_more_derivatives_see_no_more_on_the_circle(orders):
     assert [each.rank for each in od.singularities(SYSTEM, through_the_circle(0.7), orders).hidden] == [5]
 
@@ -135,7 +135,7 @@ def test_the_singular_set_is_where_the_circle_is_followed():
             np.array([SPEED, 0.0, omega]) - SLIPS,
             east=(sign * place[0] - 0.5, sign * place[0] + 0.5),
             north=(sign * place[1] - 0.5, sign * place[1] + 0.5),
-            points=21,
+            points=11,
         )
         row, column = np.unravel_index(positions.nearness.argmin(), positions.nearness.shape)
         is_at_place = np.allclose([positions.x[column], positions.y[row]], sign * place)
