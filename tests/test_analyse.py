@@ -89,6 +89,14 @@ def test_inputs_that_nobody_knows_and_states_known_at_the_start_are_those_of_the
     assert study.analyses[0].verdict.dimension == od.observability(system, known_at_start=("x",)).dimension
 
 
+def test_known_truths_of_a_run_are_not_asked_of_verdicts(tmp_path: Path):
+    text = LANDMARKS + '[[expected]]\nkey = "KEY"\nvalue = 3\nsource = "by hand"\n'
+    of_a_run = analysis_document(study_of(tmp_path, text.replace("KEY", "designs.all.value")))
+    misspelt = analysis_document(study_of(tmp_path, text.replace("KEY", "verdict.free.arbitrary.a.dimension")))
+    assert of_a_run.expected == []
+    assert [entry.met for entry in misspelt.expected] == [False]
+
+
 WRONG = {
     "an unknown sensor": ('subsets = [["a", "d"]]', "analysis.subsets[0]: is 'd': must be one of a, b, c"),
     "a subset twice": ('subsets = [["a", "b"], ["b", "a"]]', "analysis.subsets[1]: stands there twice"),

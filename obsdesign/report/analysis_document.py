@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from obsdesign.report.document import Result
 from obsdesign.report.document_parts import DocumentPart, ScenarioPart, VerdictPart
 from obsdesign.report.expectations import Expectation, check_expectations
 from obsdesign.report.question_to_document import scenario_part, verdict_part, versions
@@ -72,7 +73,11 @@ def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
         along=None if study.along is None else _along_part(study.along),
         expected=[],
     )
-    return draft.model_copy(update={"expected": check_expectations(scenario.expected, draft.model_dump())})
+    asked = [entry for entry in scenario.expected if entry.key.partition(".")[0] not in _OF_A_RUN]
+    return draft.model_copy(update={"expected": check_expectations(asked, draft.model_dump())})
+
+
+_OF_A_RUN = set(Result.model_fields) - set(AnalysisDocument.model_fields)  # keys of known truths that `run` looks at
 
 
 def _hidden_part(case: HiddenCase) -> HiddenPart:
