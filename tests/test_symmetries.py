@@ -41,8 +41,10 @@ def moved(symmetry, x, distance):
 
 
 def assert_changes_nothing(system, symmetry, x, inputs, distance=0.3):
-    reference = outputs_along(system, x, inputs)
-    assert np.allclose(outputs_along(system, moved(symmetry, x, distance), inputs), reference, rtol=1e-6, atol=1e-6)
+    reference, others = outputs_along(system, x, inputs), outputs_along(system, moved(symmetry, x, distance), inputs)
+    # some planted systems leave every bound within these steps
+    is_bounded = np.cumprod((np.abs(reference) < 1e6 * (1 + np.abs(reference[0]))).all(axis=1)).astype(bool)
+    assert np.allclose(others[is_bounded], reference[is_bounded], rtol=1e-6, atol=1e-6)
 
 
 # ---------------------------------------------------------------- planted
@@ -106,7 +108,7 @@ def planted(seed):
     order = generator.permutation(state.numel())
     rows = [int(i) for i in order]
     names = tuple(f"s{k}" for k in range(len(rows)))
-    outputs = {f"y{k}": invariant_polynomial(generator, invariants) for k in range(2)}
+    outputs = {f"y{k}": value for k in range(3) if not (value := ca.SX(invariant_polynomial(generator, invariants))).is_zero()}
     system = od.ControlAffineSystem(state[rows], names, rate[rows], outputs=outputs)
     return system, np.hstack([field[:, :-1][np.ix_(rows, rows)], field[rows, -1:]])
 
