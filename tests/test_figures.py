@@ -79,9 +79,11 @@ def test_a_path_is_drawn_where_it_goes_in_the_colours_of_its_information(design)
     place = design.trajectory.x[:, :2]
     np.testing.assert_allclose(np.vstack([drawn[0][:1], *(part[1:] for part in drawn)]), place)
     W = design.problem.scaled(design.information.total)
-    v = np.linalg.eigh(W)[1][:, 0]
+    values, vectors = np.linalg.eigh(W)
+    v = vectors[:, 0]
+    turned = len(v) * np.finfo(float).eps * values[-1] / (values[1] - values[0])  # how far rounding turns the eigenvector
     shares = np.einsum("i,kij,j->k", v, design.problem.scaled(design.information.blocks.sum(axis=1)), v) / (v @ W @ v)
-    np.testing.assert_allclose(segments.get_array(), 100 * shares, rtol=1e-6)
+    np.testing.assert_allclose(segments.get_array(), 100 * shares, rtol=1e-6, atol=100 * turned)
     problem = design.problem
     assert len(figure.axes[0].patches) >= len(shapes(problem.constraints, SYSTEM.model.landmarks)) == 2
 

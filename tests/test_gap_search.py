@@ -98,7 +98,8 @@ def test_a_gap_that_stays_open_ends_at_the_limit_of_work_with_the_best_of_its_st
     assert design.search.limit == len(design.starts) == 8
     assert "limit of work" in design.search.in_words(design)
     assert design.status is od.Status.GAP_OPEN
-    assert design.value == max(start.value for start in design.starts if start.status.has_answer)
+    # of paths within 1e-6 of the best the one is taken whose determinant is largest
+    assert design.value == pytest.approx(max(start.value for start in design.starts if start.status.has_answer), rel=1e-6)
     assert all(start.value <= design.bound for start in design.starts if start.status.has_answer)
 
 

@@ -181,6 +181,9 @@ def test_a_log_typed_by_hand_names_the_outputs_of_a_group(tmp_path: Path):
     log = od.read_log(file, APART)
     assert log.samples.counts["tree"] == 3
     np.testing.assert_allclose(log.samples.y[0], [47.2, np.deg2rad(32)])
+    file.write_text(file.read_text().replace("46.3", "-46.3"))
+    with pytest.raises(od.InputError, match=r"column 'tree': -46.3 at t = 1.5 s: what it measures is not below 0"):
+        od.read_log(file, APART)
 
 
 SCENARIO = """

@@ -16,7 +16,6 @@ from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, random_residues
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.modular_points import random_modular_point
-from obsdesign.errors import InputError
 from obsdesign.rank.exact_numbers import as_residue, pi_times
 from obsdesign.rank.symbols import PRIME, Symbols, pseudorandom
 
@@ -40,6 +39,10 @@ class CodistributionSample:
         return not any(int(entry) for entry in product.entries())
 
 
+class NoSampleError(ArithmeticError):
+    """No random place modulo the prime shows all of what is known."""
+
+
 @dataclass(frozen=True, eq=False)
 class Codistribution:
     """What is known of dx from derivatives up to an order, in so many experiments: of the given dimension, at generic states."""
@@ -57,7 +60,7 @@ class Codistribution:
         return self.equations.n_queried
 
     def samples(self) -> Iterator[CodistributionSample]:
-        """Yield random places without end. Raises InputError where nothing has a value."""
+        """Yield random places without end. Raises NoSampleError where none is found at which as much is known."""
         k = 0
         while True:
             if k not in self.sample_cache:
@@ -76,7 +79,7 @@ class Codistribution:
                 continue
             if covectors.nrows() == self.dimension:
                 return CodistributionSample(self._original_state(place), covectors, place)
-        raise InputError("no random point was found that is no pole of some function: give a point")
+        raise NoSampleError
 
     def _original_state(self, place: EvaluationPoint) -> tuple[nmod, ...]:
         origin = self.equations.origin or (Fraction(0),) * self.equations.n

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.at_point import analyse_at, analyse_jets_at
-from obsdesign.analysis.codistribution import codistribution_of
+from obsdesign.analysis.codistribution import NoSampleError, codistribution_of
 from obsdesign.analysis.engine_result import EngineResult, with_start
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, origin_of, point_from, random_fractions
@@ -237,7 +237,10 @@ class _ObservabilityQuery(AbstractQuery):
         equations = restrict_to_piece(equations, equations.region(self.seed, result.point))
         codistribution = codistribution_of(equations, told, self.seed, smooth=self.is_smooth)
         count = result.rank.null_space.shape[1]
-        return symmetries_of(codistribution, self.augmented_model, unseen, at, count) if codistribution else ()
+        try:
+            return symmetries_of(codistribution, self.augmented_model, unseen, at, count) if codistribution else ()
+        except NoSampleError:  # a root has another sign there than at real states: none is proven, so none is named
+            return ()
 
 
 def _proof_of(equations: Equations, result: EngineResult, n: int) -> str:

@@ -14,6 +14,7 @@ from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.logs.log import Log
 from obsdesign.logs.true_motion import FEWEST, is_near, motion_ratios, require_seconds, require_true_degrees, require_true_metres
+from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.sensors.airspeed import Airspeed
 from obsdesign.sensors.range import Range
 from obsdesign.sensors.range_bearing import RangeBearing
@@ -107,14 +108,22 @@ def _require_speeds(file: Path, system: AbstractSystem, log: Log) -> None:
             )
 
 
+def _sensor_columns(system: AbstractSystem) -> Iterator[tuple[str, AbstractSensor, int]]:
+    """Yield what each sensor's samples are called, alone or with those of its group, and the column of its first output in them."""
+    for group in system.groups if isinstance(system, System) else ():
+        column = 0
+        for sensor in group.sensors:
+            yield group.name, sensor, column
+            column += len(sensor.outputs)
+
+
 def _require_lengths(file: Path, system: AbstractSystem, log: Log) -> None:
     """Raise InputError for a distance or a speed far below 0, by a sensor that has no bias to be told."""
-    sensors = zip(system.sensor_names, system.sensors, strict=True) if isinstance(system, System) else ()
-    for name, sensor in sensors:
+    for name, sensor, column in _sensor_columns(system):
         if not isinstance(sensor, _LENGTHS) or sensor.bias is not None or name not in log.samples.names:
             continue
         chosen = log.samples.sensor == log.samples.names.index(name)
-        values = log.samples.y[chosen, 0]
+        values = log.samples.y[chosen, column]
         if len(values) and values.min() < -_BELOW * sensor.inflation * sensor.sigma:
             row = int(np.argmin(values))
             raise InputError(
