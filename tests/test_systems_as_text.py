@@ -10,6 +10,7 @@ from itertools import combinations
 from typing import Any
 
 import jsonschema
+import numpy as np
 import pytest
 from conftest import ROOT, obsdesign
 from hypothesis import HealthCheck, given, settings
@@ -112,6 +113,81 @@ def test_fifteen_sensor_suites_in_constant_wind(column):
     suites = [suite for size in range(1, 5) for suite in combinations(names, size)]
     found = {" ".join(suite): od.observability(system.only(suite)).dimension for suite in suites}
     assert found == {suite: row[column] for suite, row in BRACE.items()}
+
+
+# R(q), q (0, Omega) / 2 and R(q)' r of a quaternion t + x i + y j + z k, written out
+FLIGHT: dict[str, Any] = {
+    "states": {"x": "m", "y": "m", "z": "m", "q_t": "", "q_x": "", "q_y": "", "q_z": ""},
+    "inputs": {"p": "rad/s", "q": "rad/s", "r": "rad/s", "u": "m/s", "v": "m/s", "w": "m/s"},
+    "definitions": {
+        "xx": "q_t^2 + q_x^2 - q_y^2 - q_z^2", "xy": "2*(q_x*q_y - q_t*q_z)", "xz": "2*(q_x*q_z + q_t*q_y)",
+        "yx": "2*(q_x*q_y + q_t*q_z)", "yy": "q_t^2 - q_x^2 + q_y^2 - q_z^2", "yz": "2*(q_y*q_z - q_t*q_x)",
+        "zx": "2*(q_x*q_z - q_t*q_y)", "zy": "2*(q_y*q_z + q_t*q_x)", "zz": "q_t^2 - q_x^2 - q_y^2 + q_z^2",
+        "depth": "xz*x + yz*y + zz*z",
+    },
+    "rates": {
+        "x": "xx*u + xy*v + xz*w", "y": "yx*u + yy*v + yz*w", "z": "zx*u + zy*v + zz*w",
+        "q_t": "-(q_x*p + q_y*q + q_z*r)/2", "q_x": "(q_t*p + q_y*r - q_z*q)/2",
+        "q_y": "(q_t*q + q_z*p - q_x*r)/2", "q_z": "(q_t*r + q_x*q - q_y*p)/2",
+    },
+    "outputs": {
+        "camera": ["(xx*x + yx*y + zx*z)/depth", "(xy*x + yy*y + zy*z)/depth"],
+        "norm": "q_t^2 + q_x^2 + q_y^2 + q_z^2",
+    },
+}  # fmt: skip
+
+
+def test_flight_in_space_typed_in_is_that_of_the_paper_and_of_the_vehicle():
+    """Martinelli, IROS 2017, section III: in still air 3, 4 of 7; in unknown wind along z 3, 5, 6, and yaw about it stays hidden."""
+    wind = {"unknown": {"gust": "m/s"}, "rates": {**FLIGHT["rates"], "z": f"{FLIGHT['rates']['z']} + gust"}}
+    picture = (od.Camera(1.0), od.QuaternionNorm(1.0))
+    for table, vehicle, ranks in ((FLIGHT, od.Aerial3D(), (3, 4)), ({**FLIGHT, **wind}, od.Aerial3D("unknown"), (3, 5, 6))):
+        table = {**table, "outputs": {name: {"of": formula} for name, formula in table["outputs"].items()}}
+        verdict, ready = (od.observability(system) for system in (od.system_from_text(table), od.System(vehicle, picture)))
+        assert verdict.ranks == ready.ranks == ranks
+    x, y, _, t, i, j, k = verdict.at
+    yaw = np.array([-y, x, 0.0, -k / 2, -j / 2, i / 2, t / 2])
+    np.testing.assert_allclose(abs(verdict.null_space[:, 0] @ yaw), np.linalg.norm(yaw), rtol=1e-9)
+
+
+POSTS = {"a": [-20.0, 0.0], "b": [-12.0, 16.0], "c": [-12.0, -16.0]}  # on the circle of 20 m about the origin
+SLIPPING: dict[str, Any] = {
+    "states": {"x": "m", "y": "m", "heading": "rad"},
+    "constants": {"forward_slip": "m/s", "side_slip": "m/s", "turn_slip": "rad/s"},
+    "inputs": {"forward": "m/s", "sideways": "m/s", "turn_rate": "rad/s"},
+    "landmarks": POSTS,
+    "definitions": {"f": "forward + forward_slip", "s": "sideways + side_slip"},
+    "rates": {
+        "x": "f*cos(heading) - s*sin(heading)",
+        "y": "f*sin(heading) + s*cos(heading)",
+        "heading": "turn_rate + turn_slip",
+    },
+    "outputs": {f"to_{name}": f"atan2({name}.y - y, {name}.x - x) - heading" for name in POSTS},
+}
+
+
+@pytest.mark.parametrize(
+    ("place", "moves", "dimension"),
+    [
+        (None, None, 6),
+        ((0, -20), (1.0, 0.0, 0.05), 5),  # along the circle: the turn rate is speed / radius
+        ((0, -20), (1.0, 0.0, -0.05), 6),
+        ((0, -20), (1.0, 0.0, 0.0), 6),
+        ((0, -20), (0.0, -1.0, 0.0), 6),  # outwards
+        ((0, -20), (0.0, 0.0, 0.05), 5),
+        ((0, -20), (0.0, 0.0, 0.0), 4),
+        ((0, -19), (1.0, 0.0, 0.05), 6),
+    ],
+)
+def test_three_landmarks_typed_in_hide_what_the_paper_says(place, moves, dimension):
+    """Belo, Salaris and Bicchi 2010: bearings of three landmarks and constant slips, on the circle through them and off it."""
+    system = od.system_from_text(SLIPPING)
+    ready = od.System(od.Omnidirectional("constant"), tuple(od.Bearing(tuple(post), 1.0) for post in POSTS.values()))
+    at = None if place is None else (*map(float, place), 0.0, 0.0, 0.0, 0.0)
+    held = None if moves is None else dict(zip(SLIPPING["inputs"], moves, strict=True))
+    verdict, other = (od.observability(each, at=at, held=held) for each in (system, ready))
+    assert verdict.dimension == other.dimension == dimension
+    assert verdict.observable_states == other.observable_states
 
 
 HIV = {
