@@ -40,6 +40,11 @@ def obsdesign(*arguments: str | Path, folder: Path, timeout: float = 300) -> sub
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout, check=False)
 
 
+def seeds(count: int, quick: int) -> list[object]:
+    """So many seeds, of which the first are looked at in `make test`, all in `make test-slow`."""
+    return [seed if seed < quick else pytest.param(seed, marks=pytest.mark.slow) for seed in range(count)]
+
+
 @pytest.fixture
 def small_file(tmp_path: Path) -> Path:
     """The small scenario as a file."""

@@ -7,6 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from conftest import seeds
 
 import obsdesign as od
 from obsdesign.selection.directed_bound import prices_above, semidefinite_root
@@ -122,7 +123,7 @@ def test_prices_are_not_below_the_exact_ones_and_next_to_them(seed: int):
     assert all(float(Fraction(float(price)) - right) <= 2e-13 * mean for price, right in zip(prices, exact, strict=True))
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", seeds(30, 10))
 def test_a_schedule_says_the_bound_that_its_dual_proves(seed: int):
     """root_bound = upper_bound(dual), blocks of one state up to 24 decades apart; with a budget it is no larger."""
     random = np.random.default_rng([seed, 8])

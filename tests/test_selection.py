@@ -315,7 +315,7 @@ def test_a_factor_is_all_that_scaling_changes(criterion: object, factor: float):
 # ---------------------------------------------------------------- fractions, methods, losses
 
 
-@pytest.mark.parametrize(("segments", "count"), [(5, 4), (12, 4), (40, 3), (300, 1)])
+@pytest.mark.parametrize(("segments", "count"), [(5, 4), (12, 4), (40, 2), pytest.param(300, 1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", ["path", "random"])
 def test_a_vertex_of_the_relaxation_has_few_undecided_segments(segments: int, count: int, kind: str):
     """At most n (n + 1) / 2 - 1, whatever K is, and one more for each budget."""
