@@ -75,5 +75,5 @@ def test_equal_steps_seen_as_steps_of_any_length_are_the_same():
 def test_over_how_long_errors_are_correlated_has_to_be_said():
     with pytest.raises(od.InputError, match="no rate"):
         od.posterior_information(level(correlation=0.7), PARKED, PRIOR, active=ACTIVE)
-    with pytest.raises(od.InputError, match="posterior_information, filters and Gramians of a log accept that"):
+    with pytest.raises(od.InputError, match="posterior_information, filters, validate and Gramians of a log accept that"):
         od.variational_gramian(level(rate=2.0, correlation=0.7), PARKED)
