@@ -271,3 +271,34 @@ def test_what_is_known_at_the_start_does_not_change():
     assert [each.kind for each in od.observability(system).symmetries] == [SymmetryKind.ROTATION]
     verdict = od.observability(system, known_at_start=("heading",))
     assert (verdict.observable, verdict.symmetries) == (True, ())
+
+
+# ---------------------------------------------------------------- what the words claim
+
+
+def words_of(names, outputs):
+    """What is hidden of constant states, outputs a function of their symbols."""
+    states = [ca.SX.sym(name) for name in names]
+    system = od.ControlAffineSystem(
+        state=column(*states), names=tuple(names), drift=ca.SX.zeros(len(names)), known={}, unknown={}, outputs=outputs(*states)
+    )
+    return od.observability(system).hidden
+
+
+def test_a_centre_that_is_not_the_origin_is_told_of_states_of_any_name():
+    # (a - 1)^2 + (b - 2)^2 is turned about (1, 2); ratios of distances from (1, 2, 3) are scaled about it
+    assert "rotation of everything about the point a = 1, b = 2:" in words_of("ab", lambda a, b: {"o": (a - 1) ** 2 + (b - 2) ** 2})
+    ratios = words_of("abc", lambda a, b, c: {"o1": (a - 1) / (b - 2), "o2": (c - 3) / (b - 2)})
+    assert "scale of everything about the point a = 1, b = 2, c = 3:" in ratios
+    # one thing about (0, 0), the other about (5, 4), by the same angle: their scalar product stays
+    both = words_of("xypq", lambda x, y, p, q: {"o1": x**2 + y**2, "o2": (p - 5) ** 2 + (q - 4) ** 2, "o3": x * (p - 5) + y * (q - 4)})
+    assert "about the point x = 0, y = 0, p = 5, q = 4:" in both
+    # p and q are measured: x and y are turned about them, not about the origin
+    about_others = words_of("xypq", lambda x, y, p, q: {"o1": (x - p) ** 2 + (y - q) ** 2, "o2": p, "o3": q})
+    assert about_others == "rotation of everything about the point x = p, y = q: x, y turn together"
+
+
+def test_what_shows_of_long_proportions_is_told_exactly():
+    # 1234 a + 4567 b = 1234 (a + 4567/1234 b), a fraction in lowest terms; a b^1001 is itself
+    assert words_of("ab", lambda a, b: {"o": 1234 * a + 4567 * b}).endswith("only a + 4567/1234 b shows")
+    assert words_of("ab", lambda a, b: {"o": a * b**1001}).endswith("only a * b^1001 shows")

@@ -11,7 +11,8 @@ from obsdesign.analysis.symmetry import Symmetry, SymmetryKind
 from obsdesign.dynamics.model import Model
 from obsdesign.signals import Signal
 
-_LONGEST_DENOMINATOR = 1000
+_LONGEST_DENOMINATOR = 10_000  # of a component, as they are searched for; their ratios may have longer ones
+_ROUND_OFF = 1e-9
 _LONGEST_FIELD = 60  # characters of the components of a vector field
 
 
@@ -39,11 +40,29 @@ def _names(symmetry: Symmetry) -> str:
 
 
 def _centre(symmetry: Symmetry, model: Model) -> str:
+    """Say what stays where it is: the landmark or point (x, y), the origin, or of which states it is made."""
+    if symmetry.A is None or symmetry.b is None:
+        return "a point that depends on other states"
+    rows, fixed = _fixed_point(symmetry.A, symmetry.b)
+    constants, values = fixed[:, -1], (0.0, *(symmetry.centre or ()))
+    is_plain = not fixed[:, :-1].any() and all(min(abs(constant - value) for value in values) <= _ROUND_OFF for constant in constants)
+    if not is_plain:
+        names = [state.name for state in model.states]
+        return f"the point {', '.join(f'{names[i]} = {_affine_sum(row, names) or 0}' for i, row in zip(rows, fixed, strict=True))}"
     if symmetry.centre is None:
         return "the origin"
     point = f"({symmetry.centre[0]:g}, {symmetry.centre[1]:g}) m"
     is_landmark = any(np.allclose(symmetry.centre, landmark, rtol=1e-9) for landmark in model.landmarks)
     return f"the beacon at {point}" if is_landmark else point
+
+
+def _fixed_point(A: np.ndarray, b: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """Return the r states that A x + b changes in proportion to states, and where it leaves them, C (x, 1) with C (r, n + 1)."""
+    rows = [int(i) for i in np.flatnonzero(A.any(axis=1))]
+    rest = np.column_stack([A[rows], b[rows]])
+    rest[:, rows] = 0.0
+    fixed = -np.linalg.pinv(A[np.ix_(rows, rows)]) @ rest
+    return rows, np.where(np.abs(fixed) > _ROUND_OFF * (1.0 + np.abs(fixed).max(initial=0.0)), fixed, 0.0)
 
 
 def _shift(symmetry: Symmetry) -> str:
@@ -57,7 +76,7 @@ def _sum(symmetry: Symmetry, states: Sequence[Signal]) -> str:
         return sentence
     first, second = symmetry.states
     weights = [symmetry.vector[[state.name for state in states].index(name)] for name in (first, second)]
-    ratio = _fraction(-weights[0] / weights[1])
+    ratio = -_fraction(weights[0]) / _fraction(weights[1])
     sign = "+" if ratio > 0 else "-"
     factor = "" if abs(ratio) == 1 else f"{abs(ratio)} "
     return f"{sentence}, only {first} {sign} {factor}{second} shows"
@@ -84,7 +103,7 @@ def _powers(symmetry: Symmetry) -> dict[str, Fraction]:
     """Return the power of the factor by which each state is multiplied, the first of them once."""
     diagonal = np.diag(symmetry.A) if symmetry.A is not None else np.zeros(0)
     values = [value for value in diagonal if value]
-    return {name: _fraction(value / values[0]) for name, value in zip(symmetry.states, values, strict=True)}
+    return {name: _fraction(value) / _fraction(values[0]) for name, value in zip(symmetry.states, values, strict=True)}
 
 
 def _power(name: str, exponent: Fraction) -> str:
@@ -122,7 +141,12 @@ def _affine(symmetry: Symmetry, i: int, names: Sequence[str]) -> str:
     """Return row i of A x + b in words."""
     if symmetry.A is None or symmetry.b is None:
         return ""
-    terms = [(value, name) for value, name in zip([*symmetry.A[i], symmetry.b[i]], [*names, ""], strict=True) if value]
+    return _affine_sum(np.append(symmetry.A[i], symmetry.b[i]), names)
+
+
+def _affine_sum(row: np.ndarray, names: Sequence[str]) -> str:
+    """Return row (x, 1) in words, row (n + 1,)."""
+    terms = [(float(value), name) for value, name in zip(row, [*names, ""], strict=True) if value]
     text = " ".join(f"{'-' if value < 0 else '+'} {_term(abs(float(value)), name)}" for value, name in terms)
     return text.removeprefix("+ ").replace("- ", "-", 1) if text.startswith("-") else text.removeprefix("+ ")
 
