@@ -266,6 +266,12 @@ WRONG = [
         "the term x is in m: must be in s, the unit of range",
     ),
     (changed(outputs={"range": {"of": "x", "sigma": -1.0}}), "system.outputs.range.sigma", "greater than 0"),
+    (changed(outputs={"range": {"of": "x", "sigma": "-1"}}), "system.outputs.range.sigma", "is '-1': must be greater than 0"),
+    (changed(outputs={"range": {"of": "x", "sigma": "beacon.x - 1"}}), "system.outputs.range.sigma", "must be greater than 0"),
+    (changed(outputs={"range": {"of": "x", "sigma": "beacon"}}), "system.outputs.range.sigma", "write beacon.x"),
+    (changed(outputs={"range": {"of": "x", "sigma_deg": 1.0}}), "system.outputs.range.sigma_deg", "is given in degrees: is no angle"),
+    (changed(outputs={"range": {"of": "x", "bias_floor_deg": 1.0}}), "system.outputs.range.bias_floor_deg", "is no angle"),
+    (changed(angles=["x"]), "system.angles", "the term x is in m: must be in rad, as an angle is"),
     (changed(outputs={"range": {"of": ["x", "x"], "sigma": [1.0]}}), "system.outputs.range.sigma", "must be 2, one for each formula"),
     (changed(outputs={"range": {"of": "x", "sigma": "0.1*heading"}}), "system.outputs.range.sigma", "must be in m, the unit of range"),
     (changed(outputs={"range": {"of": "x", "rat": 1.0}}), "system.outputs.range.rat", "did you mean 'rate'?"),
@@ -293,6 +299,15 @@ def test_what_is_wrong_is_told_with_its_key(table, key, words):
         od.system_from_text(table)
     lines = [line for line in str(error.value).splitlines() if line.startswith(f"{key}:")]
     assert any(words in line for line in lines), str(error.value)
+
+
+@pytest.mark.parametrize("formula", ["speed*(x - x)/(x - x)", "speed*acos(2*x/x)", "speed*log(x - x)"])
+def test_what_has_no_finite_value_by_algebra_is_quoted(formula):
+    """0/0, acos(2) and log(0), whatever x is."""
+    with pytest.raises(od.InputError) as error:
+        _ = od.system_from_text(changed(rates={"x": formula, "heading": "turn"}, parameters={"speed": 15.0}, states=["x", "heading"])).model
+    assert f"is '{formula}': column " in str(error.value)
+    assert "has no finite value, whatever the state" in str(error.value)
 
 
 def test_all_mistakes_are_told_at_once():
@@ -506,7 +521,8 @@ TABLES = st.fixed_dictionaries(
 def read_or_refuse(table: dict[str, Any]) -> bool:
     """Whether a table is a system; anything but InputError is a failure, as is one that takes long.
 
-    A system that was accepted has a model, unless it comes to nothing by algebra: an output x - x tells nothing of the state.
+    A system that was accepted has a model, unless it comes to nothing by algebra: an output x - x tells nothing of the state, and
+    1/(x - x) is nothing.
     """
     began = time.process_time()
     try:
@@ -519,7 +535,7 @@ def read_or_refuse(table: dict[str, Any]) -> bool:
     try:
         _ = system.model
     except od.InputError as error:
-        assert "does not depend on the state" in str(error)
+        assert "does not depend on the state" in str(error) or "has no finite value" in str(error)
         return False
     assert len(system.model.states) == system.model.x.numel()
     assert str(system)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,10 @@ from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.motion import non_affine
 from obsdesign.dynamics.output_noise import OutputNoise
 from obsdesign.dynamics.system_text import SystemText, TextOutput
+from obsdesign.errors import InputError
 from obsdesign.formulas.casadi_value import Values, casadi_value, value_of
 from obsdesign.formulas.grammar import parse_formula
+from obsdesign.formulas.tree import FormulaError
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -70,8 +73,10 @@ def _system_of(text: SystemText) -> AbstractSystem:
     ]
     states, inputs, unknown_inputs = groups
     values = {**text.constants, **states, **inputs, **unknown_inputs}
+    definitions = dict(text.definitions)
     for name, tree in text.formulas.items():
-        values[name] = value_of(tree, values)
+        with _quoting(definitions[name]):
+            values[name] = value_of(tree, values)
     outputs = {output.name: _column(output.formulas, values) for output in text.outputs}
     noises = {output.name: _noise(text, output, values) for output in text.outputs}
     x, names, angles = ca.vertcat(*states.values()), tuple(states), text.angle_names
@@ -97,7 +102,7 @@ def _system_of(text: SystemText) -> AbstractSystem:
 
 
 def _noise(text: SystemText, output: TextOutput, values: Values) -> OutputNoise:
-    sigma = casadi_value(parse_formula(output.sigma), values) if isinstance(output.sigma, str) else output.sigma
+    sigma = _expression(output.sigma, values) if isinstance(output.sigma, str) else output.sigma
     errors = (output.inflation, output.bias_floor, output.correlation, output.detection)
     return OutputNoise(sigma, None, output.rate, *errors, text.points_of(output))
 
@@ -112,4 +117,18 @@ def _column(formulas: tuple[str, ...], values: Mapping[str, object]) -> ca.SX:
     """The formulas as a column (q, 1)."""
     import casadi as ca
 
-    return ca.vertcat(*(casadi_value(parse_formula(text), values) for text in formulas))
+    return ca.vertcat(*(_expression(text, values) for text in formulas))
+
+
+def _expression(formula: str, values: Values) -> ca.SX:
+    with _quoting(formula):
+        return casadi_value(parse_formula(formula), values)
+
+
+@contextmanager
+def _quoting(formula: str) -> Iterator[None]:
+    """Raise InputError with the formula where it has no finite value whatever the state."""
+    try:
+        yield
+    except FormulaError as error:
+        raise InputError(error.problem.told(formula)) from None

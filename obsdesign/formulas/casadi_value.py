@@ -38,9 +38,16 @@ def value_of(tree: AbstractTree, values: Values) -> Value:
             value = float(value)
     except (ZeroDivisionError, ValueError, OverflowError):
         raise FormulaError(FormulaProblem(tree.column, "has no finite value, whatever the state")) from None
-    if isinstance(value, float) and not math.isfinite(value):
+    if not _is_finite(value):
         raise FormulaError(FormulaProblem(tree.column, "has no finite value, whatever the state"))
     return value
+
+
+def _is_finite(value: Value) -> bool:
+    """Whether a value is finite in some state, as far as can be told: CasADi folds x/x to 1, so that acos(2*x/x) is a constant."""
+    if _is_expression(value):
+        return not value.is_constant() or math.isfinite(float(value))
+    return isinstance(value, Fraction) or math.isfinite(value)
 
 
 def _value_of(tree: AbstractTree, values: Values) -> Value:

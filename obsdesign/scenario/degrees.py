@@ -11,6 +11,7 @@ from obsdesign.scenario.kind_tables import SUFFIX
 from obsdesign.signals import Signal
 
 if TYPE_CHECKING:
+    from obsdesign.dynamics.system_text import SystemText
     from obsdesign.scenario.schema import Scenario
 
 _SPREADS = ("sigma", "bias_floor", "sigma_per_metre")  # in the unit of what a sensor measures
@@ -59,7 +60,7 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     if location[0] == "place":
         return name == "bearing"
     if location[0] == _SYSTEM:
-        return name in _SPREADS and _is_angular_output(scenario, str(location[2]))
+        return name in _SPREADS and _is_angular_output(scenario.system_text, str(location[2]))
     if location[0] == "sensors":
         measures_angles = all(signal.is_angle for signal in scenario.sensors[int(location[1])].outputs)
         return name not in _NOT_IN_SENSOR_UNIT and (measures_angles or name not in _SPREADS)
@@ -69,9 +70,15 @@ def _may_be_angle(scenario: Scenario, location: tuple[str | int, ...]) -> bool:
     return unit.startswith("rad") and not set(_NO_ANGLES) & set(location[:-1])
 
 
-def _is_angular_output(scenario: Scenario, name: str) -> bool:
+def non_angular_spreads(outputs: Any, text: SystemText) -> Iterator[tuple[str | int, ...]]:  # noqa: ANN401
+    """Yield where the data of a system's valid outputs give something in degrees that is no angle."""
+    for location in _in_degrees(outputs, (_SYSTEM, _OUTPUTS)):
+        if not _is_angular_output(text, str(location[2])):
+            yield location
+
+
+def _is_angular_output(text: SystemText | None, name: str) -> bool:
     """Whether an output of a system as text is in radians, or in no unit that can be told."""
-    text = scenario.system_text
     output = next((output for output in text.outputs if output.name == name), None) if text is not None else None
     if text is None or output is None:
         return False

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from obsdesign.dynamics.system_text import exact_number
+from obsdesign.formulas.casadi_value import value_of
 from obsdesign.formulas.constants import dependence_order, entry_problems, problems_of_constants
 from obsdesign.formulas.functions import PI, RESERVED
 from obsdesign.formulas.grammar import parse_formula
@@ -50,6 +51,7 @@ class FormulaCheck:
             yield Problem((SYSTEM, "definitions"), error.problem.message)
             return
         yield from self._output_dependence()
+        yield from self._spread_problems()
         yield from self._unit_problems(order)
 
     def _formulas(self) -> Iterator[tuple[Location, str]]:
@@ -110,6 +112,15 @@ class FormulaCheck:
                 message = f"contains the unknown input {unknown!r}: make it a state, whose rate is unknown"
                 yield Problem((SYSTEM, "outputs", name), message)
 
+    def _spread_problems(self) -> Iterator[Problem]:
+        """Standard deviations of numbers alone that are not greater than 0."""
+        for name, output in self.table.outputs.items():
+            if not isinstance(output.sigma, str) or self._problems_of(output.sigma):
+                continue
+            tree = parse_formula(output.sigma)
+            if {PI, *self._constants} >= set(names_of(tree)) and value_of(tree, self._constants) <= 0:
+                yield Problem((SYSTEM, "outputs", name, "sigma"), f"is {output.sigma!r}: must be greater than 0")
+
     def _closure(self, trees: Sequence[AbstractTree]) -> set[str]:
         """The names in formulas, and in the definitions that they contain."""
         stack = [name for tree in trees for name in names_of(tree)]
@@ -139,6 +150,8 @@ class FormulaCheck:
 
     def _output_units(self, units: Mapping[str, Unit | None]) -> Iterator[Problem]:
         angles = self.table.angles or ()
+        for name in {*angles} & {*self.table.states, *self.table.constants}:
+            yield from self._judge(("angles",), name, units, Wanted(RADIAN, "as an angle is"))
         for name, output in self.table.outputs.items():
             unit = self._unit(output.unit)
             wanted = (

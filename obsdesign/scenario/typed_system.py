@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError
-from obsdesign.scenario.degrees import scenario_in_radians
+from obsdesign.scenario.degrees import non_angular_spreads, scenario_in_radians
 from obsdesign.scenario.formula_problems import SYSTEM
 from obsdesign.scenario.problem_text import Problem, describe_error, in_file, of_a_part, of_another_type
 from obsdesign.scenario.system_problems import find_system_problems
@@ -42,7 +42,11 @@ def system_from_text(table: Mapping[str, Any]) -> TextSystem:
         raise _refusal([describe_error(detail, data, _keys_at) for detail in told]) from None
     if problems:
         raise _refusal([replace(problem, location=in_file(problem.location, data)) for problem in problems])
-    return TextSystem(read.system_text)
+    system = TextSystem(read.system_text)
+    no_angles = [Problem(location, "is given in degrees: is no angle") for location in non_angular_spreads(table["outputs"], system.text)]
+    if no_angles:
+        raise _refusal(no_angles)
+    return system
 
 
 def _refusal(problems: list[Problem]) -> InputError:
