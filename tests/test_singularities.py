@@ -152,3 +152,21 @@ def test_positions_without_an_output_have_no_value():
     positions = od.singular_set(SYSTEM, (0.0, 0.0, 0.3, *SLIPS), east=(1.0, 3.0), north=(-1.0, 1.0), points=3)
     assert np.isnan(positions.nearness[1, 1])
     assert np.isfinite(positions.nearness).sum() == 8
+
+
+def test_a_path_through_a_landmark_is_refused_at_the_step_where_it_meets_it():
+    # 5 m/s from 20 m ahead of the beacon: there after 4 s, where |beacon - position| has no derivative
+    system = od.System(od.Unicycle(), (od.Range(beacon=(100.0, 0.0), sigma=1.0), od.Magnetometer(sigma=0.1)))
+    path = od.simulate(system, (80.0, 0.0, 0.0), np.tile([5.0, 0.0], (40, 1)), 0.25)
+    with pytest.raises(od.InputError, match=r"no derivatives at step 16 \(t = 4 s\)"):
+        od.singularities(system, path)
+
+
+def test_straight_at_a_beacon_the_sideways_place_is_hidden_until_the_vehicle_turns():
+    # beside the line by e the range is sqrt(s^2 + e^2), of first order 0 in e; off it, range, its rate and the heading tell three states
+    system = od.System(od.Unicycle(), (od.Range(beacon=(100.0, 0.0), sigma=1.0), od.Magnetometer(sigma=0.1)))
+    path = od.simulate(system, (0.0, 0.0, 0.0), np.repeat([[5.0, 0.0], [5.0, 0.3]], 20, axis=0), 0.25)
+    found = od.singularities(system, path)
+    (interval,) = found.hidden
+    assert (interval.start, interval.end, interval.rank) == (0.0, 5.0, 2)
+    assert np.abs(interval.null_space[:, 0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)

@@ -110,7 +110,7 @@ def singularities(
         unit_time: T [s], in which derivatives are counted; None = a tenth of the path's duration.
         scale (n,): the diagonal of S, what counts as one unit of each state in sigma_min; None = ones.
         tolerance: share of the largest singular value below which one counts as 0, in (0, 1).
-    Raises InputError for a path of another system, a map, and values that are not accepted.
+    Raises InputError for a path of another system, a map, outputs without derivatives on the path, and values that are not accepted.
     Source: Hermann and Krener 1977; Belo, Salaris and Bicchi 2010, section IV-B, whose relation (8) is in `circle`.
     """
     require_fit(system, path)
@@ -124,6 +124,7 @@ def singularities(
     require_positive("unit_time", unit_time)
     u, w = inputs_along(system, path)
     M = output_jets(system, path.x[:-1], u, w, orders, unit_time)
+    _require_finite(M, path)
     columns = np.sqrt((M**2).sum(axis=1).mean(axis=0))
     columns = np.where(columns > 0, columns, 1.0)
     _, sizes, directions = np.linalg.svd(M / columns)
@@ -141,6 +142,14 @@ def singularities(
         names=model.state_names,
         circle=circle_residuals(system, path) if has_circle(model) else None,
     )
+
+
+def _require_finite(M: np.ndarray, path: Trajectory) -> None:
+    """Raise InputError with the first step at which outputs have no derivatives."""
+    missing = np.flatnonzero(~np.isfinite(M).all(axis=(1, 2)))
+    if len(missing):
+        k = int(missing[0])
+        raise InputError(f"singularities: an output has no derivatives at step {k} (t = {path.t[k]:g} s), as where a path meets a landmark")
 
 
 def smallest_singular_value(M: np.ndarray) -> np.ndarray:
