@@ -67,6 +67,9 @@ def test_maps_are_read_and_names_of_functions_are_changed():
         ("@ODEmodel(x'(t) = 2x(t), y(t) = x(t))", "an operator is missing before 'x'"),
         ("@ODEmodel(x'(t) = y(t), y(t) = x(t))", "contains the output y"),
         ("@DDSmodel(x'(t) = 1, y(t) = x(t))", "must be x(t + 1) = ..."),
+        ("@ODEmodel(x'(t) = t*x(t), y(t) = x(t))", "line 1: x contains t: time by itself is a state"),
+        ("@ODEmodel(x'(t) = a*sin(t), y(t) = x(t))", "line 1: x contains sin(t): time by itself is a state"),
+        ("@ODEmodel(x'(t) = a*sin(w*t), y(t) = x(t))", "line 1: x contains t: time by itself is a state"),
     ],
 )
 def test_what_is_no_model_is_refused_with_its_line(text, words):

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from obsdesign.errors import InputError
-from obsdesign.formulas.functions import PI
+from obsdesign.formulas.functions import ALIASES, FUNCTIONS, PI
 from obsdesign.formulas.grammar import parse_formula
 from obsdesign.formulas.tree import FormulaError, names_of
 from obsdesign.model_import.imported_model import ImportedModel, usable_names, with_names
@@ -85,6 +85,8 @@ def _model(equations: list[_Equation], is_map: bool, file: str) -> ImportedModel
     if not states or not outputs:
         raise InputError(f"{file}: has {len(states)} states and {len(outputs)} outputs: must have one of each at least")
     functions = dict.fromkeys(name for equation in equations for name in equation.functions)
+    for equation in equations:
+        _require_no_time(equation, states, file)
     inputs = [name for name in functions if name not in states and name not in outputs]
     names = dict.fromkeys(name for equation in equations for name in _names_in(equation, file))
     parameters = [name for name in names if name not in (*states, *outputs, *inputs)]
@@ -104,6 +106,14 @@ def _model(equations: list[_Equation], is_map: bool, file: str) -> ImportedModel
         period=1.0 if is_map else None,
         notes=tuple(renamed),
     )
+
+
+def _require_no_time(equation: _Equation, states: list[str], file: str) -> None:
+    """Raise InputError where time stands in an equation by itself: it is no parameter, and sin(t) is no input."""
+    of_time = [f"{name}(t)" for name in equation.functions if name in {*FUNCTIONS, *ALIASES} and name not in states]
+    if of_time or "t" in _names_in(equation, file):
+        message = f"contains {[*of_time, 't'][0]}: time by itself is a state that is measured, c'(t) = 1 and y_c(t) = c(t)"
+        raise InputError(f"{file}, line {equation.line}: {equation.name} {message}")
 
 
 def _names_in(equation: _Equation, file: str) -> tuple[str, ...]:
