@@ -16,6 +16,7 @@ from obsdesign.cli import main
 from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.report.analysis_document import analysis_document
 from obsdesign.report.analysis_page import analysis_page
+from obsdesign.report.analysis_sections.sees import answer
 from obsdesign.scenario.loading import load_scenario_to_analyse
 from obsdesign.study.analysis_study import analyse_scenario, subsets_of
 
@@ -79,6 +80,21 @@ def test_of_many_sensors_each_alone_all_but_one_and_all_are_looked_at(tmp_path: 
     sensors = "".join(f'[[sensors]]\nkind = "range"\nname = "r{i}"\nbeacon = [{i}.5, 2.0]\nsigma = 1.0\n' for i in range(7))
     (tmp_path / "many.toml").write_text('[vehicle]\nkind = "unicycle"\n' + sensors)
     assert sorted(map(len, subsets_of(load_scenario_to_analyse(tmp_path / "many.toml")))) == [1] * 7 + [6] * 7 + [7]
+
+
+@pytest.mark.parametrize(
+    ("subsets", "said"),
+    [
+        ([["a"]], "a sees 2 of 3 dimensions: "),
+        ([["a", "b"]], "a + b see all 3 states."),
+        ([["a", "b"], ["b", "c"]], "The largest suites see all 3 states in every case."),
+        ([["a", "b", "c"]], "All sensors together see all 3 states."),
+    ],
+)
+def test_the_answer_is_about_the_suites_that_were_asked_about(subsets, said, tmp_path: Path):
+    """Bearing of one beacon: all but a rotation about it; a second one stops that."""
+    study = study_of(tmp_path, LANDMARKS + f"[analysis]\nsubsets = {json.dumps(subsets)}\n")
+    assert answer(study).startswith(said)
 
 
 def test_inputs_that_nobody_knows_and_states_known_at_the_start_are_those_of_the_library(tmp_path: Path):

@@ -23,15 +23,27 @@ def answer(study: AnalysisStudy) -> str:
     n = len(study.scenario.state_names)
     whole = study.of_all_sensors
     good = [case_name(study, analysis) for analysis in whole if analysis.verdict.observable]
-    who = "All sensors together" if len(study.scenario.sensor_names) > 1 else "The sensor"
+    who, see = _who(study)
     if len(whole) == 1:
         verdict = whole[0].verdict
         sees = f"all {n} states" if verdict.observable else f"{verdict.dimension} of {n} dimensions: {verdict.hidden}"
-        return f"{who} see{'s' if who == 'The sensor' else ''} {sees}.{_smaller(study)}"
+        return f"{who} {see} {sees}.{_smaller(study)}"
     said = (
         f"in {len(good)} of {len(whole)} cases ({join(good)})" if 0 < len(good) < len(whole) else "in every case" if good else "in no case"
     )
-    return f"{who} see{'s' if who == 'The sensor' else ''} all {n} states {said}.{_smaller(study)}"
+    return f"{who} {see} all {n} states {said}.{_smaller(study)}"
+
+
+def _who(study: AnalysisStudy) -> tuple[str, str]:
+    """Whom the answer is about, and the verb: all sensors, or the largest suites that were asked about."""
+    names, suites = study.scenario.sensor_names, list(dict.fromkeys(analysis.sensors for analysis in study.of_all_sensors))
+    if len(suites) > 1:
+        return "The largest suites", "see"
+    if len(names) == 1:
+        return "The sensor", "sees"
+    if set(suites[0]) == set(names):
+        return "All sensors together", "see"
+    return " + ".join(suites[0]), "sees" if len(suites[0]) == 1 else "see"
 
 
 def _smaller(study: AnalysisStudy) -> str:
@@ -48,6 +60,8 @@ def _smaller(study: AnalysisStudy) -> str:
     fewest = min(map(len, suites))
     if fewest == len(study.scenario.sensor_names):
         return " None of them can be spared." if fewest > 1 else ""
+    if {suite for suite in suites if len(suite) == fewest} == {analysis.sensors for analysis in study.of_all_sensors}:
+        return ""
     return f" So {_do(fewest)} {join([' + '.join(suite) for suite in suites if len(suite) == fewest], 'or')} alone."
 
 
