@@ -309,8 +309,11 @@ def disturbed(path: od.Trajectory) -> od.Trajectory:
 
 
 @EACH
-@pytest.mark.parametrize("weighted", [True, False])
-@pytest.mark.parametrize("log", [False, True], ids=["simulated", "a log"])
+@pytest.mark.parametrize(
+    ("log", "weighted"),
+    [(False, True), (False, False), (True, True), pytest.param(True, False, marks=pytest.mark.slow)],
+    ids=["simulated", "simulated, integral", "a log", "a log, integral"],
+)
 def test_the_empirical_gramian_tends_to_the_variational_one_as_eps_squared(case: Case, weighted: bool, log: bool):
     system = case.system()
     path = disturbed(case.path()) if log else case.path()

@@ -39,7 +39,12 @@ def study_of(folder: Path, text: str):
     return analyse_scenario(load_scenario_to_analyse(file))
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file",
+    # .ci/run asks them all; this one takes six seconds
+    [pytest.param(file, marks=pytest.mark.slow) if file.stem == "toggle_switch" else file for file in FILES],
+    ids=lambda file: file.stem,
+)
 def test_what_the_papers_print_comes_out_of_the_file(file: Path):
     document = analysis_document(analyse_scenario(load_scenario_to_analyse(file)))
     assert document.expected
