@@ -148,16 +148,29 @@ def test_the_singular_set_is_where_the_circle_is_followed():
     assert values.size == positions.nearness.size
 
 
-def test_positions_without_an_output_have_no_value():
-    positions = od.singular_set(SYSTEM, (0.0, 0.0, 0.3, *SLIPS), east=(1.0, 3.0), north=(-1.0, 1.0), points=3)
+RANGE_AND_HEADING = (od.Range(beacon=(2.0, 0.0), sigma=1.0), od.Magnetometer(sigma=0.1))
+
+
+@pytest.mark.parametrize(
+    ("system", "at"),
+    [
+        (SYSTEM, (0.0, 0.0, 0.3, *SLIPS)),
+        (od.System(od.Unicycle(), RANGE_AND_HEADING, unknown_inputs=("speed",)), (0.0, 0.0, 0.3)),
+    ],
+)
+def test_positions_without_an_output_have_no_value(system, at):
+    positions = od.singular_set(system, at, east=(1.0, 3.0), north=(-1.0, 1.0), points=3)
     assert np.isnan(positions.nearness[1, 1])
     assert np.isfinite(positions.nearness).sum() == 8
 
 
-def test_a_path_through_a_landmark_is_refused_at_the_step_where_it_meets_it():
+@pytest.mark.parametrize("unknown", [(), ("speed",)])
+def test_a_path_through_a_landmark_is_refused_at_the_step_where_it_meets_it(unknown):
     # 5 m/s from 20 m ahead of the beacon: there after 4 s, where |beacon - position| has no derivative
-    system = od.System(od.Unicycle(), (od.Range(beacon=(100.0, 0.0), sigma=1.0), od.Magnetometer(sigma=0.1)))
-    path = od.simulate(system, (80.0, 0.0, 0.0), np.tile([5.0, 0.0], (40, 1)), 0.25)
+    system = od.System(od.Unicycle(), RANGE_AND_HEADING, unknown_inputs=unknown)
+    speeds, turn_rates = np.full((40, 1), 5.0), np.zeros((40, 1))
+    u, w = (turn_rates, speeds) if unknown else (np.hstack([speeds, turn_rates]), None)
+    path = od.simulate(system, (-18.0, 0.0, 0.0), u, 0.25, w)
     with pytest.raises(od.InputError, match=r"no derivatives at step 16 \(t = 4 s\)"):
         od.singularities(system, path)
 

@@ -24,7 +24,8 @@ def output_jets(system: AbstractSystem, x: np.ndarray, u: np.ndarray, w: np.ndar
     """Return the gradients (N, q (orders + 1), n) of what the outputs tell about the state at N states.
 
     Rows: R^-1/2 unit_time^k y_k, y_k the Taylor coefficient k of an output along the motion under inputs that are held. Of unknown inputs w
-    and their derivatives nothing is known: rows are projected to what is at right angles to all that these change.
+    and their derivatives nothing is known: rows are projected to what is at right angles to all that these change. NaN at a state where
+    an output has no derivatives, such as on a landmark.
 
     x (N, n), u (N, m), w (N, p): where, in the units of states and inputs; unit_time [s].
     """
@@ -39,9 +40,11 @@ def _without(J_w: np.ndarray, J_x: np.ndarray) -> np.ndarray:
     """Return J_x (N, r, n) projected to what is at right angles to the columns of J_w (N, r, c)."""
     if not J_w.shape[2]:
         return J_x
+    has_value = np.isfinite(J_w).all(axis=(1, 2), keepdims=True)
+    J_w = np.where(has_value, J_w, 0.0)
     U, sizes, _ = np.linalg.svd(J_w / np.maximum(np.linalg.norm(J_w, axis=1, keepdims=True), 1e-300), full_matrices=False)
     U = U * (sizes > _DEPENDENCE * sizes[:, :1])[:, None, :]
-    return J_x - U @ (U.transpose(0, 2, 1) @ J_x)
+    return np.where(has_value, J_x - U @ (U.transpose(0, 2, 1) @ J_x), np.nan)
 
 
 @lru_cache(CACHE_SIZE)
