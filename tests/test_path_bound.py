@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 
+import casadi as ca
 import mpmath
 import numpy as np
 import pytest
@@ -17,9 +18,12 @@ from obsdesign.design.path_bound.gram_constraints import largest_chord_turn
 from obsdesign.design.path_bound.motion import motion_of
 from obsdesign.design.path_bound.proof import path_bound_of
 from obsdesign.design.path_bound.relaxation import relaxation_of
-from obsdesign.design.path_bound.sample_bounds import nearest_distances
+from obsdesign.design.path_bound.sample_bounds import nearest_distances, readings_of
 
 ROUNDING = 1e-13  # of squares of vectors of length 1
+
+
+VELOCITIES = (od.VelocityLog(0.8, mounting_angle=0.3), od.SpeedOverGround(0.5), od.Course(0.4, rate=0.5), od.Airspeed(0.3))
 
 
 def short_mission(**changes) -> od.DesignProblem:
@@ -54,6 +58,14 @@ def variants() -> dict[str, od.DesignProblem]:
     known = np.diag([0.02, 0.03, 4.0, 1.0, 2.0]) + 0.01
     return {
         "GPS and compass": short_mission(),
+        "velocities": short_mission(system=od.System(od.Dubins(2.0, wind="constant"), (od.GPS(1.5), *VELOCITIES))),
+        "velocities at any speed": short_mission(
+            system=od.System(od.Unicycle(wind="constant"), (od.GPS(1.5, rate=1.0), *VELOCITIES)),
+            bounds={"speed": (1.0, 2.5), "turn_rate": (-0.4, 0.4)},
+        ),
+        "velocities in still water": short_mission(
+            system=od.System(od.Dubins(2.0), (od.GPS(1.5), *VELOCITIES)), start=(3.0, -2.0, 0.4), scale=(5.0, 5.0, 0.2)
+        ),
         "one step pieces": short_mission(path=od.PiecewiseConstant(36)),
         "pieces of unequal length": short_mission(path=od.PiecewiseConstant(13)),
         "coarse steps": short_mission(duration=36.0, step=1.0, bounds={"turn_rate": (-0.9, 0.7)}),
@@ -324,6 +336,35 @@ def test_a_beacon_is_no_nearer_than_one_can_fly_to_it_and_on_to_the_goal():
     assert design.value <= design.bound < np.inf
     path = design.trajectory
     assert (np.hypot(*(path.x[:-1, :2] - beacon).T) >= nearest).all()
+
+
+@pytest.mark.parametrize("sensor", VELOCITIES, ids=lambda sensor: sensor.name)
+@pytest.mark.parametrize("seed", range(8))
+def test_what_a_velocity_says_of_heading_and_wind_is_below_its_weights(sensor, seed):
+    """C'C of the model <= diag of the weights, whatever the heading and the speed; without wind what is left is the weight itself."""
+    random = np.random.default_rng(seed)
+    wind = random.uniform(0.0, 0.9) * np.exp(1j * random.uniform(0, 2 * np.pi)) if seed else 0j
+    system = od.System(od.Unicycle(wind="constant"), (od.GPS(1.5), replace(sensor, sigma=1.0, rate=None)))
+    start = (3.0, -2.0, 0.4, wind.real, wind.imag)
+    problem = short_mission(system=system, start=start, bounds={"speed": (1.0, 2.5), "turn_rate": (-0.4, 0.4)})
+    reading = readings_of(problem, motion_of(problem))[0][1]
+    weights = np.diag([reading.heading[0], reading.wind[0], reading.wind[0]])
+    assert not reading.position.any()
+    model = system.model
+    slopes = ca.Function("C", [model.x, model.u], [ca.jacobian(model.channels[1].h, model.x)])
+    for _ in range(200):
+        heading, speed = random.uniform(-10, 10), random.choice([1.0, 2.5, random.uniform(1.0, 2.5)])
+        C = slopes([*random.uniform(-9, 9, 2), heading, wind.real, wind.imag], [speed, 0.1]).full()
+        assert not C[:, :2].any()
+        assert np.linalg.eigvalsh(weights - C[:, 2:].T @ C[:, 2:])[0] >= -1e-12
+    if seed == 0 and isinstance(sensor, od.VelocityLog):
+        np.testing.assert_allclose(C[:, 2:].T @ C[:, 2:], weights, rtol=1e-12, atol=1e-15)
+
+
+def test_a_course_of_a_vehicle_that_may_stand_still_has_no_bound():
+    system = od.System(od.Dubins(0.5, wind="constant"), (od.GPS(1.5), od.Course(0.4)))  # in a wind of 0.58 m/s
+    proof = path_bound_of(short_mission(system=system))
+    assert "may stand still over ground" in proof.reason
 
 
 def test_where_the_relaxation_proves_no_more_the_bound_is_that_of_positions_alone():

@@ -41,6 +41,8 @@ class ScheduleRelaxation:
     """Weights (options, N) of positions."""
     headings: np.ndarray
     """Weights (options, K) of the heading."""
+    winds: np.ndarray
+    """Weights (options, K) of the wind."""
     left_out: tuple[str, ...]
 
     @property
@@ -60,8 +62,8 @@ class ScheduleRelaxation:
     def at(self, node: Node) -> GramRelaxation:
         """Return the relaxation of what is left at a node."""
         blocks = np.array([_root_above(self.weights(j, options).tobytes(), self.length) for j, options in enumerate(node)])
-        heading = sum(float(self.headings[list(options), j].max()) for j, options in enumerate(node))
-        samples = bounds_with_knowledge(self.problem, np.ones(self.problem.steps), heading, self.left_out, blocks)
+        heading, wind = (sum(float(of[list(options), j].max()) for j, options in enumerate(node)) for of in (self.headings, self.winds))
+        samples = bounds_with_knowledge(self.problem, np.ones(self.problem.steps), (heading, wind), self.left_out, blocks)
         return GramRelaxation(self.motion, samples, information_form(self.problem, self.motion, samples), self.constraints)
 
 
@@ -77,9 +79,12 @@ def schedule_relaxation(
         left_out = (*left_out, f"that only {per_segment} of {len(readings)} sensors are on at a time, as there are {choices} choices")
         options = [tuple(range(len(readings)))]
     weights = [outer_weights([readings[s] for s in option]) for option in options]
-    headings = np.array([heading.reshape(segments, -1).sum(axis=1) for _, heading in weights])
-    positions = np.array([position for position, _ in weights])
-    return ScheduleRelaxation(problem, segments, motion, gram_constraints(motion), positions, headings, left_out)
+    headings, winds = (
+        np.array([amounts.reshape(segments, -1).sum(axis=1) for amounts in column])
+        for column in ([weight.heading for weight in weights], [weight.wind for weight in weights])
+    )
+    positions = np.array([weight.positions for weight in weights])
+    return ScheduleRelaxation(problem, segments, motion, gram_constraints(motion), positions, headings, winds, left_out)
 
 
 def matrix_above(weights: np.ndarray) -> np.ndarray:

@@ -15,13 +15,18 @@ from obsdesign.errors import InputError
 from obsdesign.information.sample_information import sampling_mask
 from obsdesign.sensors._group import sensor_groups
 from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.sensors.airspeed import Airspeed
 from obsdesign.sensors.bearing import Bearing
+from obsdesign.sensors.course import Course
 from obsdesign.sensors.gps import GPS
 from obsdesign.sensors.magnetometer import Magnetometer
 from obsdesign.sensors.range import Range
+from obsdesign.sensors.speed_over_ground import SpeedOverGround
+from obsdesign.sensors.velocity_log import VelocityLog
 from obsdesign.signals import Point
 
 _LEAST_MIX = 0.01  # of a bearing's direction and heading
+_OF_VELOCITY = (Airspeed, Course, SpeedOverGround, VelocityLog)
 _UP = 1 + 1e-13  # what a few roundings make of a product at most
 
 
@@ -54,8 +59,8 @@ class SampleBounds:
 def sample_bounds_of(problem: DesignProblem, motion: AllowedMotion) -> SampleBounds:
     """Return the weights; raises InputError with the reason where a sensor has no such bound."""
     readings, left_out = readings_of(problem, motion)
-    positions, heading = outer_weights(readings)
-    return bounds_with_knowledge(problem, positions, float(heading.sum()), left_out)
+    weights = outer_weights(readings)
+    return bounds_with_knowledge(problem, weights.positions, (float(weights.heading.sum()), float(weights.wind.sum())), left_out)
 
 
 def readings_of(problem: DesignProblem, motion: AllowedMotion) -> tuple[list[ReadingBound], tuple[str, ...]]:
@@ -69,24 +74,33 @@ def readings_of(problem: DesignProblem, motion: AllowedMotion) -> tuple[list[Rea
         name, sensor = group.name, group.sensors[0]
         distances = nearest_distances(problem, motion, sensor.landmarks[0]) if sensor.landmarks else None
         precision, words = _precision(system, name, sensor, distances)
-        reading = _reading(sensor, amounts[:, s] * precision, distances)
+        samples = amounts[:, s] * precision
+        is_of_velocity = isinstance(sensor, _OF_VELOCITY)
+        reading = _velocity_reading(problem, motion, sensor, samples) if is_of_velocity else _reading(sensor, samples, distances)
         readings.append(reading)
-        left_out += [*words, *([] if distances is None else [f"that {name} sees one direction at a time, and how far the beacon is"])]
+        words += [] if distances is None else [f"that {name} sees one direction at a time, and how far the beacon is"]
+        words += [f"that {name} tells of heading and wind together"] if reading.heading.any() and reading.wind.any() else []
+        left_out += words
     return readings, tuple(left_out)
 
 
 def bounds_with_knowledge(
-    problem: DesignProblem, positions: np.ndarray, heading: float, left_out: tuple[str, ...], blocks: np.ndarray | None = None
+    problem: DesignProblem,
+    positions: np.ndarray,
+    constant: tuple[float, float],
+    left_out: tuple[str, ...],
+    blocks: np.ndarray | None = None,
 ) -> SampleBounds:
-    """Return weights of samples with those of what is known."""
+    """Return weights of samples with those of what is known; constant: of the heading and of the wind, whatever the path."""
     prior_information = _diagonal_above(np.asarray(problem.known))
     if np.count_nonzero(np.asarray(problem.known) - np.diag(np.diag(np.asarray(problem.known)))):
         left_out = (*left_out, "what is known of one state with another")
+    up = _UP * (1 + problem.steps * 1e-15)
     return SampleBounds(
         positions * _UP,
-        (heading + prior_information[2]) * _UP * (1 + problem.steps * 1e-15),
+        (constant[0] + prior_information[2]) * up,
         float(prior_information[:2].max()) * _UP,
-        (float(prior_information[3:5].max()) if len(prior_information) > 3 else 0.0) * _UP,
+        (constant[1] + float(prior_information[3:5].max()) if len(prior_information) > 3 else 0.0) * up,
         left_out,
         None if blocks is None else blocks * _UP,
     )
@@ -104,7 +118,7 @@ def _require_plain(system: System) -> None:
 class ReadingBound:
     """What the samples of one sensor say: of positions in every direction, along or across the line of sight (N,), of the heading (N,).
 
-    mixed: whether what is across and the heading come as one number, (e / r, -1).
+    wind (N,): of both axes of the wind. mixed: whether what is across and the heading come as one number, (e / r, -1).
     """
 
     landmark: Point | None
@@ -112,6 +126,7 @@ class ReadingBound:
     along: np.ndarray
     across: np.ndarray
     heading: np.ndarray
+    wind: np.ndarray
     is_mixed: bool = False
 
 
@@ -119,19 +134,60 @@ def _reading(sensor: AbstractSensor, precision: np.ndarray, distances: np.ndarra
     none = np.zeros_like(precision)
     if distances is None:
         is_position = isinstance(sensor, GPS)
-        return ReadingBound(None, precision if is_position else none, none, none, none if is_position else precision)
+        return ReadingBound(None, precision if is_position else none, none, none, none if is_position else precision, none)
     if isinstance(sensor, Range):
-        return ReadingBound(sensor.landmarks[0], none, precision, none, none)
+        return ReadingBound(sensor.landmarks[0], none, precision, none, none, none)
     if (precision[distances <= 0] > 0).any():
         raise InputError(
             "a path may come as near to the beacon as it likes, where a bearing's information has no limit: a StandOff gives it one"
         )
     across = precision / np.where(distances > 0, distances, 1.0) ** 2
-    return ReadingBound(sensor.landmarks[0], none, none, across, precision, is_mixed=True)
+    return ReadingBound(sensor.landmarks[0], none, none, across, precision, none, is_mixed=True)
 
 
-def outer_weights(readings: Sequence[ReadingBound]) -> tuple[np.ndarray, np.ndarray]:
-    """Return weights of positions (N,) and of the heading (N,) that all readings together do not exceed.
+def _velocity_reading(problem: DesignProblem, motion: AllowedMotion, sensor: AbstractSensor, precision: np.ndarray) -> ReadingBound:
+    """What samples of the velocity V e + w over ground say of heading and wind, which do not change: no position, whatever the path.
+
+    A gradient, or rows of gradients, of sizes a [1/rad] in the heading and b [s/m] in the wind: g g' <= diag((1 + 1 / m) a^2, (1 + m) b^2)
+    for every m > 0; that of a over b in the units of the states.
+    """
+    none, has_wind = np.zeros_like(precision), len(problem.x0) > 3
+    a, b = _velocity_slopes(problem, motion, sensor)
+    if not has_wind or not (a and b):
+        return ReadingBound(None, none, none, none, a**2 * precision, b**2 * precision if has_wind else none)
+    S = np.asarray(problem.scale, dtype=float)
+    m = float(np.clip(a * S[2] / (b * S[3:5].max()), _LEAST_MIX, 1 / _LEAST_MIX))
+    return ReadingBound(None, none, none, none, (1 + 1 / m) * a**2 * precision, (1 + m) * b**2 * precision)
+
+
+def _velocity_slopes(problem: DesignProblem, motion: AllowedMotion, sensor: AbstractSensor) -> tuple[float, float]:
+    """Return what the slopes of the outputs in the heading and in the wind are at most, of a speed V through air and a wind w.
+
+    R'(V e + w): (|w|, 1). |V e + w|: the height of the triangle of V e and w over its third side, (min(V, |w|), 1). The direction of
+    V e + w: V e . u / |V e + w| = 1 - w . u / |V e + w|, u along V e + w, so (1 + |w| / g, 1 / g), g = least V - |w|. |V e|: neither.
+    """
+    if isinstance(sensor, Airspeed):
+        return 0.0, 0.0
+    wind = float(np.hypot(*problem.x0[3:5])) if len(problem.x0) > 3 else 0.0
+    if isinstance(sensor, Course):
+        ground = motion.slowest * motion.speed * (1 - 1e-9) - wind
+        if ground <= 0:
+            raise InputError(f"{sensor.name}: the vehicle may stand still over ground, where a course has no limit")
+        return 1 + wind / ground, 1 / ground
+    return (wind if isinstance(sensor, VelocityLog) else min(motion.speed, wind)), 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class OuterWeights:
+    """Weights of positions (N,), of the heading (N,) and of the wind (N,) that all readings together do not exceed."""
+
+    positions: np.ndarray
+    heading: np.ndarray
+    wind: np.ndarray
+
+
+def outer_weights(readings: Sequence[ReadingBound]) -> OuterWeights:
+    """Return weights that all readings together do not exceed.
 
     a r r' + b e e' <= max(a, b) I for what is along and across the line of sight to one beacon. A bearing is
     (e / r, -1)(e / r, -1)' <= diag((1 + 1 / m) e e' / r^2, 1 + m) for every m > 0: small where others see the position better.
@@ -148,7 +204,7 @@ def outer_weights(readings: Sequence[ReadingBound]) -> tuple[np.ndarray, np.ndar
         positions += np.maximum(radial, (1 + 1 / m) * tangential)
     for reading in readings:
         heading += reading.heading * (1 + m if reading.is_mixed else 1.0)
-    return positions, heading
+    return OuterWeights(positions, heading, sum((reading.wind for reading in readings), np.zeros(steps)))
 
 
 def _amounts(problem: DesignProblem, system: System) -> np.ndarray:
@@ -167,7 +223,7 @@ def _precision(system: System, name: str, sensor: AbstractSensor, distances: np.
     R >= R without the constant error >= (1 - correlation) / (1 + correlation) of the variances, and joint errors with the matrix of
     correlations C: R^-1 <= D^-2 / lambda_min(C), D the diagonal of standard deviations. What grows with the distance is at its least.
     """
-    if not isinstance(sensor, GPS | Magnetometer | Range | Bearing):
+    if not isinstance(sensor, (GPS, Magnetometer, Range, Bearing, *_OF_VELOCITY)):
         raise InputError(f"{name}: no bound is known for a {type(sensor).__name__}")
     if isinstance(sensor, Range | Bearing) and any(sensor.lever_arm):
         raise InputError(f"{name}: no bound is known for a sensor beside the position, lever_arm {sensor.lever_arm!r}")
