@@ -284,6 +284,7 @@ WRONG = [
     (changed(definitions={"a": "1/(2 - 2)"}), "system.definitions.a", "has no finite value"),
     (changed(angles=["headin"]), "system.angles", "did you mean 'heading'?"),
     (changed(units={"cell": "12 sones"}), "system.units.cell", "there is no unit 'sones'"),
+    *((changed(units={name: "2 K"}), f"system.units.{name}", f"{name} is a unit that others are made of") for name in ("m", "s", "rad")),
     (changed(time="m"), "system.time", "must be a unit of time"),
     (changed(constants={"x": "m"}), "system.constants.x", "as one of states is"),
     (changed(constants={"k": "m"}, rates={**RIGHT["rates"], "k": 0}), "system.rates.k", "k is one of constants"),

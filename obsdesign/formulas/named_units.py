@@ -25,7 +25,8 @@ PREFIXES = {
     "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12, "f": -15, "a": -18, "z": -21, "y": -24, "r": -27, "q": -30,
 }  # fmt: skip
 """Powers of ten."""
-_BASES = ("m", "kg", "s", "A", "K", "mol", "cd")
+BASES = ("m", "kg", "s", "A", "K", "mol", "cd")
+"""The units that all others are made of."""
 # with prefixes: name -> size and base units
 _SI: dict[str, tuple[float, str]] = {
     "g": (1e-3, "kg"), "Hz": (1, "s^-1"), "N": (1, "kg m s^-2"), "Pa": (1, "kg m^-1 s^-2"), "J": (1, "kg m^2 s^-2"),
@@ -47,7 +48,7 @@ def _dimension(text: str) -> Dimension:
     return tuple(sorted((base, Fraction(exponent or 1)) for base, _, exponent in pairs))
 
 
-UNITS = {base: NamedUnit(base, 0.0, _dimension(base)) for base in _BASES}
+UNITS = {base: NamedUnit(base, 0.0, _dimension(base)) for base in BASES}
 """By name."""
 UNITS |= {name: NamedUnit(name, math.log(size), _dimension(text)) for name, (size, text) in {**_SI, **_MORE}.items()}
 WITH_PREFIX = frozenset({"m", "s", "A", "K", "mol", "cd", *_SI})

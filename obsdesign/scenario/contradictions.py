@@ -17,7 +17,7 @@ from obsdesign.scenario.path_problems import (
     find_path_source_problems,
     find_position_problems,
 )
-from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
+from obsdesign.scenario.problem_text import Location, Problem, list_problems, unknown_key, unknown_name
 from obsdesign.scenario.requirement_problems import find_requirement_problems
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.tables import Leg
@@ -151,16 +151,11 @@ def _choice_problems(scenario: Scenario) -> Iterator[Problem]:
     if scenario.design.criterion not in kinds(obsdesign.criteria):
         yield unknown_name(("design", "criterion"), scenario.design.criterion, kinds(obsdesign.criteria))
     for i, suite in enumerate(scenario.design.suites):
-        yield from _list_problems(("design", "suites", i), suite, scenario.sensor_names)
-    yield from _list_problems(("design", "about"), scenario.design.about, scenario.state_names)
+        yield from list_problems(("design", "suites", i), suite, scenario.sensor_names)
+    yield from list_problems(("design", "about"), scenario.design.about, scenario.state_names)
     if "about" in scenario.replay.model_fields_set:
-        yield from _list_problems(("replay", "about"), scenario.replay.about, scenario.state_names)
-    yield from _list_problems(("selection", "naive"), scenario.selection.naive, scenario.sensor_names)
-
-
-def _list_problems(location: Location, names: Sequence[str], accepted: Sequence[str]) -> Iterator[Problem]:
-    yield from (unknown_name(location, name, accepted) for name in names if name not in accepted)
-    yield from (Problem(location, f"names {name!r} twice") for i, name in enumerate(names) if name in names[:i])
+        yield from list_problems(("replay", "about"), scenario.replay.about, scenario.state_names)
+    yield from list_problems(("selection", "naive"), scenario.selection.naive, scenario.sensor_names)
 
 
 def _selection_problems(scenario: Scenario) -> Iterator[Problem]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,6 +85,12 @@ def unknown_name(location: Location, name: str, accepted: Sequence[str]) -> Prob
     """Return what is wrong with a value that must be one of several names."""
     hint, nearest = nearest_word(name, accepted)
     return Problem(location, f"is {name!r}: must be one of {', '.join(accepted)}{hint}", tuple(accepted), nearest)
+
+
+def list_problems(location: Location, names: Sequence[str], accepted: Sequence[str]) -> Iterator[Problem]:
+    """Yield what is wrong with a list of names, each of which must be one of several and stand there once."""
+    yield from (unknown_name(location, name, accepted) for name in names if name not in accepted)
+    yield from (Problem(location, f"names {name!r} twice") for i, name in enumerate(names) if name in names[:i])
 
 
 def nearest_word(word: str, accepted: Sequence[str]) -> tuple[str, str | None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from obsdesign.scenario.problem_text import Location, Problem, unknown_key, unknown_name
+from obsdesign.scenario.problem_text import Location, Problem, list_problems, unknown_key
 
 if TYPE_CHECKING:
     from obsdesign.scenario.schema import Scenario
@@ -37,9 +37,7 @@ def find_requirement_problems(scenario: Scenario, has_path: bool) -> Iterator[Pr
 
 def _problems_of_one(scenario: Scenario, location: Location, table: RequirementTable) -> Iterator[Problem]:
     states = {signal.name: signal.unit for signal in scenario.moving_states}
-    unknown = [name for name in table.about if name not in states]
-    yield from (unknown_name((*location, "about"), name, tuple(states)) for name in unknown)
-    yield from (Problem((*location, "about"), f"names {name!r} twice") for i, name in enumerate(table.about) if name in table.about[:i])
+    yield from list_problems((*location, "about"), table.about, tuple(states))
     units = {name: states[name] for name in table.about if name in states}
     if len(set(units.values())) > 1:
         shown = ", ".join(f"{name} in {unit or 'no unit'}" for name, unit in units.items())

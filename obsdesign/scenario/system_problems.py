@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from obsdesign.formulas.functions import PI, RESERVED
 from obsdesign.formulas.grammar import is_name
+from obsdesign.formulas.named_units import BASES
 from obsdesign.formulas.tree import FormulaError
 from obsdesign.formulas.unit_algebra import Unit, define_unit, read_unit
 from obsdesign.scenario.formula_problems import NAMED, QUANTITIES, SYSTEM, FormulaCheck, problem_at
@@ -13,6 +14,7 @@ from obsdesign.scenario.problem_text import Location, Problem, nearest_word, unk
 from obsdesign.scenario.system_tables import SystemTable
 
 _SECONDS = read_unit("s")
+_FIXED = (*BASES, "rad")  # units that keep their meaning: newtons are made of metres, and what is in rad wraps
 
 
 def find_system_problems(table: SystemTable) -> Iterator[Problem]:
@@ -47,6 +49,9 @@ def _unit_problems(table: SystemTable) -> Iterator[Problem]:
     """Units that are none."""
     user_units: dict[str, Unit] = {}
     for name, text in table.units.items():
+        if name in _FIXED:
+            yield Problem((SYSTEM, "units", name), f"is {text!r}: {name} is a unit that others are made of; give yours another name")
+            continue
         try:
             user_units[name] = define_unit(name, text, user_units)
         except FormulaError as error:
