@@ -84,6 +84,18 @@ def test_unknown_inputs_take_what_they_explain():
     assert (reason.inputs, found.verdict.dimension, reason.count) == (("wind_x", "wind_y"), 2, 3)
 
 
+@pytest.mark.parametrize("is_map", [False, True])
+def test_an_unknown_input_inside_a_sine_takes_what_it_explains(is_map):
+    # x moves by sin(w) a, a constant: of x alone a is told where w is known, and not otherwise
+    x, w = ca.SX.sym("x", 2), ca.SX.sym("w")
+    shared = {"state": x, "names": ("x", "a"), "unknown": {"w": w}, "outputs": {"y": x[0]}}
+    change = ca.vertcat(ca.sin(w) * x[1], 0)
+    system = od.DiscreteSystem(next_state=x + change, period=1.0, **shared) if is_map else od.GeneralSystem(rates=change, **shared)
+    found = od.explain(system)
+    (reason,) = (reason for reason in found.reasons if reason.kind.name == "UNKNOWN_INPUTS")
+    assert (reason.inputs, found.verdict.dimension, reason.count) == (("w",), 1, 2)
+
+
 def test_a_singular_point_says_what_is_seen_nearby():
     x = ca.SX.sym("x", 2)
     system = od.ControlAffineSystem(x, ("x", "y"), ca.SX([-1, 0]), outputs={"square": x[0] ** 2 + x[1] ** 2})

@@ -10,13 +10,14 @@ import casadi as ca
 from numpy.typing import ArrayLike
 
 from obsdesign.analysis.dependence import function_count, states_that_move_nothing
-from obsdesign.analysis.query import Disturbance, KnownInputs, observability_of
+from obsdesign.analysis.query import Disturbance, KnownInputs
+from obsdesign.analysis.question import Question
 from obsdesign.analysis.symmetry import Symmetry, SymmetryKind
 from obsdesign.analysis.verdict import Verdict
 from obsdesign.arguments import validate_arguments
 from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.dynamics.model import AbstractSystem, Model
-from obsdesign.dynamics.motion import AffineMotion
+from obsdesign.dynamics.motion import AffineMotion, moved_with
 
 
 class ReasonKind(Enum):
@@ -116,24 +117,11 @@ def explain(
     Raises InputError as `observability` does.
     Source: Brace and Morgansen; Belo, Salaris and Bicchi 2010; Martinelli, IROS 2017.
     """
-    held = dict(held or {})
-    verdict = observability_of(system.model, at, held, disturbance, known_inputs, seed)
+    model, question = system.model, Question(at, dict(held or {}), disturbance, known_inputs, seed)
+    verdict = question.verdict(model)
     if verdict.observable:
         return ExplainedVerdict(verdict, ())
-
-    def dimension(model: Model, inputs: Mapping[str, float]) -> int:
-        """Return how many dimensions are seen otherwise."""
-        return observability_of(model, at, inputs, disturbance, known_inputs, seed).dimension
-
-    model = system.model
-    reasons = [*_of_functions(model, held), *_of_symmetries(model, verdict)]
-    for name in held:
-        count = dimension(model, {other: value for other, value in held.items() if other != name})
-        if count > verdict.dimension:
-            reasons.append(Reason(ReasonKind.HELD_INPUTS, inputs=(name,), count=count))
-    all_known = _with_inputs_known(model) if disturbance == "arbitrary" else None
-    if all_known and (count := dimension(all_known, held)) > verdict.dimension:
-        reasons.append(Reason(ReasonKind.UNKNOWN_INPUTS, inputs=tuple(signal.name for signal in model.unknown_inputs), count=count))
+    reasons = [*_of_functions(model, question.held), *_of_symmetries(model, verdict), *_of_inputs(model, question, verdict)]
     if verdict.generic and verdict.generic.dimension > verdict.dimension:
         reasons.append(Reason(ReasonKind.SINGULAR_POINT, count=verdict.generic.dimension))
     return ExplainedVerdict(verdict, tuple(reasons))
@@ -157,15 +145,29 @@ def _of_symmetries(model: Model, verdict: Verdict) -> Iterator[Reason]:
             yield Reason(ReasonKind.SYMMETRY, symmetry.states, symmetry=symmetry)
 
 
+def _of_inputs(model: Model, question: Question, verdict: Verdict) -> Iterator[Reason]:
+    """Yield what inputs hide that are held, or that nobody knows."""
+    for name in question.held:
+        count = question.verdict(model, released=(name,)).dimension
+        if count > verdict.dimension:
+            yield Reason(ReasonKind.HELD_INPUTS, inputs=(name,), count=count)
+    if model.unknown_inputs and question.disturbance == "arbitrary":
+        count = question.verdict(_with_inputs_known(model)).dimension
+        if count > verdict.dimension:
+            yield Reason(ReasonKind.UNKNOWN_INPUTS, inputs=tuple(signal.name for signal in model.unknown_inputs), count=count)
+
+
 def _is_in_output(model: Model, name: str) -> bool:
     return bool(ca.jacobian(model.h, model.x[model.state_names.index(name)]).nnz())
 
 
-def _with_inputs_known(model: Model) -> Model | None:
-    """Return the model as it is for somebody who knows the unknown inputs; None where there are none, or rates are not affine in them."""
-    if not model.unknown_inputs or not model.is_affine:
-        return None
-    motion = AffineMotion(model.drift, ca.horzcat(model.B, model.G), ca.SX(len(model.states), 0))
-    symbols = ca.vertcat(model.u, model.w)  # those in outputs, which the new model replaces by its own
-    inputs = (*model.inputs, *model.unknown_inputs)
-    return replace(model, inputs=inputs, unknown_inputs=(), motion=motion, u_of_outputs=symbols)
+def _with_inputs_known(model: Model) -> Model:
+    """Return the model as it is for somebody who knows the unknown inputs."""
+    symbols, none = ca.vertcat(model.u, model.w), ca.SX(0, 1)
+    motion = (
+        AffineMotion(model.drift, ca.horzcat(model.B, model.G), ca.SX(len(model.states), 0))
+        if model.is_affine
+        else moved_with(model.motion, inputs=(symbols, none), values=(model.u, model.w), below=none)
+    )
+    # the symbols in outputs are those of the model; the new one replaces them by its own
+    return replace(model, inputs=(*model.inputs, *model.unknown_inputs), unknown_inputs=(), motion=motion, u_of_outputs=symbols)

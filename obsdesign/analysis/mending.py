@@ -9,7 +9,8 @@ from itertools import combinations
 import casadi as ca
 from numpy.typing import ArrayLike
 
-from obsdesign.analysis.query import Disturbance, KnownInputs, observability_of
+from obsdesign.analysis.query import Disturbance, KnownInputs
+from obsdesign.analysis.question import Question
 from obsdesign.analysis.rank_growth import NoValueError
 from obsdesign.analysis.ready_made_sensors import ready_made_sensors
 from obsdesign.analysis.verdict import Verdict
@@ -107,35 +108,19 @@ def remedies(
     require_count("at_once", at_once)
     require_known("sensors", tuple(sensors or ()), system.model.sensor_names)
     require_known("about", tuple(about or ()), system.model.state_names)
-    query = _Query(at, held or {}, disturbance, known_inputs, seed)
+    question = Question(at, held or {}, disturbance, known_inputs, seed)
     in_use = system.model.sensor_names if sensors is None else tuple(sensors)
-    verdict = query.verdict(system.model, in_use, ())
+    verdict = question.verdict(system.model.only(in_use))
     aims = tuple(about) if about is not None else (*verdict.observable_states, *verdict.unobservable_states)
     model = _with_offers(system, in_use, offered, verdict)
-    options = [*(name for name in model.sensor_names if name not in in_use), *query.held]
+    options = [*(name for name in model.sensor_names if name not in in_use), *question.held]
     prices = {name: float((costs or {}).get(name, 1.0)) for name in options}
     require_known("costs", tuple(costs or ()), options)
     for name, price in prices.items():
         require_positive(f"costs: {name}", price)
     is_mended = not set(aims) & set(verdict.unobservable_states)
-    cheapest = () if is_mended else tuple(_cheapest(query, model, in_use, aims, prices, at_once))
+    cheapest = () if is_mended else tuple(_cheapest(question, model, in_use, aims, prices, at_once))
     return Remedies(verdict, tuple(name for name in system.model.state_names if name in aims), cheapest, tuple(options), at_once)
-
-
-@dataclass(frozen=True, eq=False)
-class _Query:
-    """What is asked, but for sensors and manoeuvres."""
-
-    at: ArrayLike | None
-    held: Mapping[str, float]
-    disturbance: Disturbance
-    known_inputs: KnownInputs
-    seed: int
-
-    def verdict(self, model: Model, sensors: Sequence[str], released: Sequence[str]) -> Verdict:
-        """Return the verdict with some sensors, and some inputs no longer held."""
-        held = {name: value for name, value in self.held.items() if name not in released}
-        return observability_of(model.only(sensors), self.at, held, self.disturbance, self.known_inputs, self.seed)
 
 
 def _with_offers(system: AbstractSystem, in_use: Sequence[str], offered: Sequence[AbstractSensor] | None, verdict: Verdict) -> Model:
@@ -162,7 +147,7 @@ def _measurement(model: Model, name: str) -> Channel:
 
 
 def _cheapest(
-    query: _Query, model: Model, in_use: Sequence[str], aims: Sequence[str], prices: Mapping[str, float], at_once: int
+    question: Question, model: Model, in_use: Sequence[str], aims: Sequence[str], prices: Mapping[str, float], at_once: int
 ) -> Iterator[Remedy]:
     """Yield sets of options with which all is seen, the cheapest first, none that holds another one."""
     mending: list[frozenset[str]] = []
@@ -170,9 +155,9 @@ def _cheapest(
     for chosen in sorted(sets, key=lambda names: (sum(prices[name] for name in names), len(names))):
         if any(smaller <= set(chosen) for smaller in mending):
             continue
-        added, released = [name for name in chosen if name not in query.held], [name for name in chosen if name in query.held]
+        added, released = [name for name in chosen if name not in question.held], [name for name in chosen if name in question.held]
         try:
-            verdict = query.verdict(model, (*in_use, *added), released)
+            verdict = question.verdict(model.only((*in_use, *added)), released)
         except NoValueError:  # a sensor that reads nothing at the point, such as a course at rest
             continue
         if verdict.decided and set(aims) <= set(verdict.observable_states):
