@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from obsdesign.conic_interior_point import DenseConicProgram, follow_central_path, has_machine_code
+from obsdesign.conic_interior_point import native_entry
 from obsdesign.design.sqp import conic_qp
 from obsdesign.design.sqp.conic_model import Cone, ConicQP, ConicSolution
 from obsdesign.design.sqp.dense_qp import minimise_densely
 
-pytestmark = pytest.mark.skipif(not has_machine_code(), reason="needs a C compiler")
+pytestmark = pytest.mark.skipif(native_entry("", "obsdesign_conic") is None, reason="needs a C compiler")
 
 
 def random_program(seed: int) -> ConicQP:
@@ -166,11 +166,12 @@ def test_a_cone_in_other_units_leaves_the_minimiser():
 
 @pytest.mark.parametrize("factor", [1e3, 1e6, 1e9, 1e12])
 def test_a_cone_that_is_never_near_its_edge_changes_nothing(factor: float):
-    compared = 0
+    asked = compared = 0
     for seed in range(40):
         qp = random_program(seed)
         if not qp.cones or not len(qp.weights):
             continue
+        asked += 1
         n = len(qp.cones[0].A)
         change = np.zeros((len(qp.g), n, n))
         change[0] = np.eye(n)  # at most 1 of 10, times the factor
@@ -180,7 +181,7 @@ def test_a_cone_that_is_never_near_its_edge_changes_nothing(factor: float):
             compared += 1
             value, size = value_at(qp, with_far.d)
             assert value - proven_bound(qp, without) <= 1e-7 * size, seed
-    assert compared >= 18
+    assert compared >= (0.9 if factor <= 1e9 else 0.5) * asked
 
 
 def test_the_largest_smallest_eigenvalue_on_a_circle():
@@ -205,14 +206,13 @@ def test_what_has_no_solution_has_none():
     assert minimise_densely(replace(qp, rows=np.full_like(qp.rows, np.nan)), 1e-9) is None
 
 
-def test_the_gap_is_that_of_primal_and_dual():
-    """max x with x <= 1 and [[1, x], [x, 1]] >= 0: both say 1; slack times multiplier sums to the gap of the values."""
-    program = DenseConicProgram(
-        np.zeros((1, 1)), np.array([-1.0]), np.array([[0.0], [np.sqrt(2.0)], [0.0]]), np.array([1.0, 0.0, 1.0]), (2,)
-    )
-    point = follow_central_path(program, np.zeros(1), np.array([1.0, 1.0, 1.0, 0.0, 1.0]), 1e-12, 60)
-    assert point is not None
-    assert point.y[0] == pytest.approx(1.0, abs=1e-11)
-    dual = point.lower[0] + point.upper[0] + point.z @ program.h
-    assert -point.y[0] + dual == pytest.approx(point.gap, abs=1e-11)
-    assert point.gap <= 1e-12
+def test_two_limits_that_say_the_same_share_their_price():
+    """max x with x <= 1 and [[1, x], [x, 1]] >= 0: both say 1; 1 = mu - 2 Z_12 of multipliers mu and Z, Z in the direction (1, -1)."""
+    cone, none = Cone(np.eye(2), np.array([[[0.0, 1.0], [1.0, 0.0]]]), np.eye(2), None, 0.0), np.zeros((0, 1))
+    qp = ConicQP(np.zeros((1, 1)), -np.ones(1), np.zeros(0), 1.0, -np.ones(1), np.ones(1), (cone,), np.zeros(0), none, np.zeros(0), none)
+    found = minimise_densely(qp, 1e-9)
+    assert found is not None
+    assert found.d[0] == pytest.approx(1.0, abs=1e-9)
+    assert proven_bound(qp, found) == pytest.approx(-1.0, abs=1e-9)
+    assert found.bound_multipliers[0] - 2 * found.Z[0][0, 1] == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(found.Z[0] @ [1.0, 1.0], 0.0, atol=1e-8)
