@@ -98,9 +98,11 @@ def test_a_gap_that_stays_open_ends_at_the_limit_of_work_with_the_best_of_its_st
     assert design.search.limit == len(design.starts) == 8
     assert "limit of work" in design.search.in_words(design)
     assert design.status is od.Status.GAP_OPEN
+    values = [start.value for start in design.starts if start.status.has_answer]
     # of paths within 1e-6 of the best the one is taken whose determinant is largest
-    assert design.value == pytest.approx(max(start.value for start in design.starts if start.status.has_answer), rel=1e-6)
-    assert all(start.value <= design.bound for start in design.starts if start.status.has_answer)
+    assert design.value in values
+    assert design.value >= max(values) * (1 - 1e-6)
+    assert max(values) <= design.bound
 
 
 def test_without_a_bound_it_is_the_usual_design_and_says_so():

@@ -112,6 +112,12 @@ def test_proportions_are_given_where_they_hold_alone():
         generic = od.observability(system, seed=seed).hidden
         assert generic.startswith("x cannot be told from y: ")
         assert not any(letter.isdigit() for letter in generic)
+    parabola = od.ControlAffineSystem(state, ("x", "y"), outputs={"parabola": state[0] + state[1] ** 2})
+    # along (-2 y, 1) x + y^2 changes by -2 y + 2 y: affine, so that it is told for all states
+    assert (
+        od.observability(parabola, at=[3, 1]).hidden
+        == "x cannot be told from y: they change together along (-2 y, 1), and no output changes"
+    )
     everywhere = od.ControlAffineSystem(state, ("x", "y"), outputs={"sum": state[0] + 4 * state[1]})
     assert od.observability(everywhere).hidden == "x cannot be told from y: +1 of x with -0.25 of y changes no output, only x + 4 y shows"
 

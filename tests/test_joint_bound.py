@@ -164,6 +164,7 @@ def test_rules_are_named_among_what_the_bound_leaves_out():
     assert joint.proof.left_out == (*free.left_out, "MinimumDwell", "SwitchingCost")
 
 
+@pytest.mark.slow
 def test_a_schedule_keeps_its_segments_where_a_longer_duration_is_looked_for():
     # a goal behind the start, as far as there is time for: 36 steps in 12 segments, so that durations come in steps of 6 s
     goal = np.array([3.0, -2.0]) + 18 * np.array([0.5, -0.3]) - 33 * np.array([np.cos(0.4), np.sin(0.4)])
