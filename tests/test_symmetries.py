@@ -158,6 +158,17 @@ def test_one_beacon_hides_a_rotation_about_it_whatever_the_names():
     assert_changes_nothing(system, symmetry, verdict.at, inputs)
 
 
+@pytest.mark.parametrize(("unit", "output"), [("rad", "z - atan2(y, x)"), ("m", "z/pitch - atan2(y, x)")])
+def test_a_length_that_changes_with_a_rotation_makes_it_a_screw(unit, output):
+    # a change of the direction atan2(y, x) by s, and of z by s (pitch s): moves neither the distance nor the second output
+    rest = {"x": "0*x/T", "y": "0*y/T", "z": "0*z/T"}
+    states, parameters = {"x": "m", "y": "m", "z": unit}, {"pitch": "2 m", "T": "1 s"}
+    text = {"states": states, "parameters": parameters, "rates": rest, "outputs": {"square": "x^2 + y^2", "phase": output}}
+    (symmetry,) = od.observability(od.system_from_text(text), at=[3.0, 4.0, 0.5]).symmetries
+    assert symmetry.kind is (SymmetryKind.ROTATION if unit == "rad" else SymmetryKind.LINEAR)
+    assert np.allclose(symmetry.vector / symmetry.vector[0] * -4, [-4, 3, 1 if unit == "rad" else 2])
+
+
 def test_irrational_landmarks_are_turned_about():
     # Belo's landmark (-1, sqrt 3): the centre is no short fraction, but it is the place of a landmark
     beacon = (-1.0, float(np.sqrt(3)))

@@ -12,6 +12,7 @@ from obsdesign.analysis.vector_fields import AffineField
 from obsdesign.signals import Point, Signal
 
 _LONGEST_DENOMINATOR = 1000  # of the square of a frequency
+_ANGULAR_UNITS = ("", "rad", "deg")  # of what may be an angle; "": nobody said
 
 
 def affine_symmetry(field: AffineField, states: Sequence[Signal], at: np.ndarray) -> Symmetry:
@@ -33,8 +34,14 @@ def _kind(field: AffineField, states: Sequence[Signal]) -> SymmetryKind:
         is_plane = {states[i].name for i in field.rows} == {"x", "y"}
         return SymmetryKind.SCALE if len(coefficients) == 1 and (len(field.rows) > 2 or is_plane) else SymmetryKind.PRODUCT
     if _is_rotation(field.A):
-        return SymmetryKind.ROTATION
+        is_screw = any(states[i].unit not in _ANGULAR_UNITS for i in _rows_at_constant_rate(field))
+        return SymmetryKind.LINEAR if is_screw else SymmetryKind.ROTATION
     return SymmetryKind.SCALE if _is_scale(field) else SymmetryKind.LINEAR
+
+
+def _rows_at_constant_rate(field: AffineField) -> set[int]:
+    """Return the states that change alike everywhere: where others are turned, angles that turn with them, or lengths along an axis."""
+    return set(field.rows) - {i for i, j, _ in field.terms if j is not None}
 
 
 def _is_scale(field: AffineField) -> bool:
