@@ -234,7 +234,11 @@ def test_the_runs_to_choose_from_are_those_that_none_beats(gains: list[tuple[int
 
 @pytest.mark.parametrize(
     ("words", "message"),
-    [((), "nothing is varied: give --vary KEY=VALUES"), (("--vary", "seed"), "'seed' must be KEY=VALUES, such as")],
+    [
+        ((), "nothing is varied: give --vary KEY=VALUES"),
+        (("--vary", "seed"), "'seed' must be KEY=VALUES, such as"),
+        (("--vary", "sensors.gps.sigma=0.5,wide"), "with sensors.gps.sigma = 'wide'"),
+    ],
 )
 def test_the_verb_says_what_is_missing(words, message, yard: od.Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     with pytest.raises(SystemExit) as end:

@@ -74,10 +74,16 @@ def _vary(text: str) -> tuple[str, list[Any]]:
         raise ArgumentTypeError(f"{text!r} must be KEY=VALUES, such as sensors.gps.sigma=1,2,4 or seed=0:100")
     if whole:
         return key.strip(), list(range(int(whole[1]), int(whole[2])))
+    return key.strip(), _values(values)
+
+
+def _values(text: str) -> list[Any]:
+    """Return values as TOML writes them, parted by commas; a word that is none is a text."""
     try:
-        return key.strip(), tomllib.loads(f"values = [{values}]")["values"]
+        return tomllib.loads(f"values = [{text}]")["values"]
     except tomllib.TOMLDecodeError:
-        return key.strip(), [value.strip() for value in values.split(",")]
+        words = text.split(",")
+        return [text.strip()] if len(words) == 1 else [value for word in words for value in _values(word)]
 
 
 VARY = Argument(
