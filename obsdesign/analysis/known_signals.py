@@ -14,7 +14,7 @@ import casadi as ca
 
 from obsdesign.dynamics.channel import Channel, Noise
 from obsdesign.dynamics.model import Model
-from obsdesign.dynamics.motion import AffineMotion, moved_with
+from obsdesign.dynamics.motion import AffineMotion, moved_with, non_affine
 
 
 def with_signal_states(model: Model, held: Mapping[str, float]) -> tuple[Model, tuple[str, ...]]:
@@ -52,8 +52,8 @@ def with_signal_states(model: Model, held: Mapping[str, float]) -> tuple[Model, 
 
 def _general_with_signal_states(model: Model, held: Mapping[str, float]) -> tuple[Model, tuple[str, ...]]:
     free = [i for i, name in enumerate(model.input_names) if name not in held]
-    inputs = ca.vertcat(ca.SX(0, 1), *(model.u[i] for i in free), model.w)
-    places = [i for i in free if i in model.inputs_in_outputs or ca.depends_on(ca.jacobian(model.rate, model.u[i]), inputs)]
+    in_rate = non_affine(model.rate, ca.vertcat(ca.SX(0, 1), *(model.u[i] for i in free)), model.w)
+    places = [i for k, i in enumerate(free) if i in model.inputs_in_outputs or k in in_rate]
     if not places:
         return model, ()
     names = tuple(model.input_names[i] for i in places)

@@ -13,8 +13,9 @@ from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import random_fractions
 from obsdesign.checks import require_known
 from obsdesign.dynamics.model import Model
+from obsdesign.dynamics.motion import non_affine
 from obsdesign.rank.decimal_reading import read_double
-from obsdesign.rank.exact_constants import symbolise
+from obsdesign.rank.exact_constants import SymbolisedExpression, symbolise
 from obsdesign.rank.exact_numbers import ExactNumber, Irrational, pi_times
 from obsdesign.rank.map_flow import MapFlow
 
@@ -104,15 +105,28 @@ def held_inputs(model: Model, held: Mapping[str, float], reading: Reading) -> He
     return HeldInputs(places, tuple(remainders), tuple(symbols), tuple(values), tuple(readings.values()))
 
 
+def _with_held(
+    model: Model, motion: ca.SX, held: Mapping[str, float], reading: Reading, origin: Sequence[Fraction]
+) -> tuple[SymbolisedExpression, ca.SX]:
+    """Return outputs and motion in one column, with a symbol for every constant and held value, and the inputs that are not held."""
+    kept = held_inputs(model, held, reading)
+    turns = (*(origin or [Fraction(0)] * model.x.numel()), *kept.turns, *[Fraction(0)] * model.w.numel())
+    graph = symbolise(ca.vertcat(model.x, model.u, model.w), ca.vertcat(model.h, motion), reading, turns)
+    held_symbols = ca.vertcat(ca.SX(0, 1), *(model.u[model.input_names.index(name)] for name in held))
+    with_held = SymbolisedExpression(
+        expression=ca.substitute(graph.expression, held_symbols, ca.vertcat(*kept.remainders)) if held else graph.expression,
+        constants=ca.vertcat(graph.constants, *kept.symbols),
+        values=(*graph.values, *kept.values),
+        readings=(*graph.readings, *kept.readings),
+    )
+    return with_held, ca.vertcat(ca.SX(0, 1), *(model.u[i] for i, name in enumerate(model.input_names) if name not in held))
+
+
 def _general_equations(model: Model, held: Mapping[str, float], origin: tuple[Fraction, ...], reading: Reading) -> Equations:
     """The equations of a rate that is linear in those known inputs that are not held: fields are its derivatives by the inputs."""
-    kept, q, n = held_inputs(model, held, reading), len(model.outputs), model.x.numel()
-    turns = (*(origin or [Fraction(0)] * n), *kept.turns, *[Fraction(0)] * model.w.numel())
-    graph = symbolise(ca.vertcat(model.x, model.u, model.w), ca.vertcat(model.h, model.rate), reading, turns)
-    held_symbols = ca.vertcat(ca.SX(0, 1), *(model.u[model.input_names.index(name)] for name in held))
-    expression = ca.substitute(graph.expression, held_symbols, ca.vertcat(*kept.remainders)) if held else graph.expression
-    outputs, rate = expression[:q], expression[q:]
-    u = ca.vertcat(ca.SX(0, 1), *(model.u[i] for i, name in enumerate(model.input_names) if name not in held))
+    graph, u = _with_held(model, model.rate, held, reading, origin)
+    q, n = len(model.outputs), model.x.numel()
+    outputs, rate = graph.expression[:q], graph.expression[q:]
     added = _non_linear(rate, outputs, u, model.w)
     w_states, w_rest = (
         ca.vertcat(ca.SX(0, 1), *(model.w[j] for j in range(model.w.numel()) if (j in added) is kind)) for kind in (True, False)
@@ -124,8 +138,8 @@ def _general_equations(model: Model, held: Mapping[str, float], origin: tuple[Fr
     return Equations(
         x=ca.vertcat(w_states, model.x),
         names=(*(model.unknown_inputs[j].name for j in added), *model.state_names),
-        constants=ca.vertcat(graph.constants, *kept.symbols),
-        values=(*graph.values, *kept.values),
+        constants=graph.constants,
+        values=graph.values,
         drift=ca.vertcat(ca.SX.zeros(r), ca.substitute(rate, linear, ca.SX.zeros(linear.numel())) if linear.numel() else rate),
         known_fields=tuple(fields[: u.numel()]),
         unknown_fields=(*integrators, *fields[u.numel() :]),
@@ -133,41 +147,34 @@ def _general_equations(model: Model, held: Mapping[str, float], origin: tuple[Fr
         output_names=tuple(signal.name for signal in model.outputs),
         n_added=r,
         origin=(*[Fraction(0)] * r, *origin) if origin else (),
-        readings=(*graph.readings, *kept.readings),
+        readings=graph.readings,
     )
 
 
 def _map_equations(model: Model, held: Mapping[str, float], reading: Reading) -> Equations:
     """The equations of a map; drift and outputs are those for some values of the inputs."""
-    kept, q, n = held_inputs(model, held, reading), len(model.outputs), model.x.numel()
-    turns = (*[Fraction(0)] * n, *kept.turns, *[Fraction(0)] * model.w.numel())
-    column = ca.vertcat(model.h, model.motion.at(model.u, model.w))
-    graph = symbolise(ca.vertcat(model.x, model.u, model.w), column, reading, turns)
-    held_symbols = ca.vertcat(ca.SX(0, 1), *(model.u[model.input_names.index(name)] for name in held))
-    expression = ca.substitute(graph.expression, held_symbols, ca.vertcat(*kept.remainders)) if held else graph.expression
-    u = ca.vertcat(ca.SX(0, 1), *(model.u[i] for i, name in enumerate(model.input_names) if name not in held))
+    graph, u = _with_held(model, model.motion.at(model.u, model.w), held, reading, ())
+    q, n = len(model.outputs), model.x.numel()
     inputs, some = ca.vertcat(u, model.w), ca.SX.sym("some inputs", u.numel() + model.w.numel())
-    constants = ca.vertcat(graph.constants, *kept.symbols, some)
-    with_some = ca.substitute(expression, inputs, some) if some.numel() else expression
+    constants = ca.vertcat(graph.constants, some)
+    with_some = ca.substitute(graph.expression, inputs, some) if some.numel() else graph.expression
     nothing = ca.SX.zeros(n)
     return Equations(
         x=model.x,
         names=model.state_names,
         constants=constants,
-        values=(*graph.values, *kept.values, *random_fractions(some.numel(), "some inputs")),
+        values=(*graph.values, *random_fractions(some.numel(), "some inputs")),
         drift=with_some[q:],
         known_fields=(nothing,) * u.numel(),
         unknown_fields=(nothing,) * model.w.numel(),
         outputs=with_some[:q],
         output_names=tuple(signal.name for signal in model.outputs),
-        readings=(*graph.readings, *kept.readings),
-        step_map=MapFlow(model.x, u, model.w, constants, expression[q:], expression[:q]),
+        readings=graph.readings,
+        step_map=MapFlow(model.x, u, model.w, constants, graph.expression[q:], graph.expression[:q]),
     )
 
 
 def _non_linear(rate: ca.SX, outputs: ca.SX, u: ca.SX, w: ca.SX) -> tuple[int, ...]:
-    """Return the unknown inputs, by place, that outputs contain or in whose slope of the rate an input is left."""
-    inputs = ca.vertcat(u, w)
-    return tuple(
-        j for j in range(w.numel()) if ca.depends_on(outputs, w[j]) or (inputs.numel() and ca.depends_on(ca.jacobian(rate, w[j]), inputs))
-    )
+    """Return the unknown inputs, by place, that outputs contain or that enter the rate other than by a factor."""
+    in_rate = non_affine(rate, u, w)
+    return tuple(j for j in range(w.numel()) if u.numel() + j in in_rate or ca.depends_on(outputs, w[j]))
