@@ -17,7 +17,7 @@ from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.report.analysis_document import analysis_document
 from obsdesign.report.analysis_page import analysis_page
 from obsdesign.report.analysis_sections.sees import answer
-from obsdesign.scenario.loading import load_scenario_to_analyse
+from obsdesign.scenario.loading import load_scenario_of_log, load_scenario_to_analyse
 from obsdesign.study.analysis_study import analyse_scenario, subsets_of
 
 FILES = sorted((ROOT / "scenarios" / "verdicts").glob("*.toml"))
@@ -140,6 +140,28 @@ def test_what_cannot_be_meant_is_named(line: str, message: str, tmp_path: Path):
     with pytest.raises(od.ScenarioError) as error:
         load_scenario_to_analyse(tmp_path / "wrong.toml")
     assert message in str(error.value)
+
+
+OF_A_LOG = 'vehicle = {kind = "unicycle"}\nsensors = [{kind = "range", sigma = 1.0}]\nprior = {x = 1.0, y = 1.0, heading = 0.2}\n[replay]\n'
+
+
+def test_of_a_scenario_for_a_log_verdicts_are_those_of_almost_every_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A sensor stands for one at each landmark; where nobody says where the log begins, no place is asked about."""
+    (tmp_path / "drive.toml").write_text(OF_A_LOG)
+    (tmp_path / "landmarks.csv").write_text("name,x,y\nmast,1,2\ntower,5,-7\n")
+    words = ("--landmarks", str(tmp_path / "landmarks.csv"), "--out", str(tmp_path / "out"), "--json")
+    with pytest.raises(SystemExit) as end:
+        main(("analyse", str(tmp_path / "drive.toml"), *words))
+    told = json.loads(capsys.readouterr().out)
+    assert (end.value.code, told["at"]) == (0, None)
+    dimensions = {suite: part["dimension"] for suite, part in told["verdicts"]["free"]["none"].items()}
+    assert dimensions == {"mast": 2, "tower": 2, "mast+tower": 3}  # of one beacon all turns with it
+
+
+def test_what_is_wrong_in_a_scenario_for_a_log_is_told_beside_analysis_too(tmp_path: Path):
+    (tmp_path / "drive.toml").write_text(OF_A_LOG.replace("x = 1.0, y", "x = -1.0, y") + "[analysis]\n")
+    with pytest.raises(od.ScenarioError, match=r"prior\.x: is -1\.0: must be above 0"):
+        load_scenario_of_log(tmp_path / "drive.toml", {"mast": (1.0, 2.0)})
 
 
 def test_a_study_of_a_file_without_start_is_refused_and_check_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -72,9 +72,12 @@ def load_scenario_of_log(file: Path, landmarks: Landmarks) -> Scenario:
     return _load(file, _Use(has_path=True, landmarks=landmarks))
 
 
-def load_scenario_to_analyse(file: Path) -> Scenario:
-    """Read and check a scenario of which verdicts alone are asked: no [design], [start], [prior], [time] are needed; see load_scenario."""
-    return _load(file, _Use(has_path=True, has_verdicts_alone=True))
+def load_scenario_to_analyse(file: Path, landmarks: Landmarks | None = None) -> Scenario:
+    """Read and check a scenario of which verdicts alone are asked: no [design], [start], [prior], [time] are needed; see load_scenario.
+
+    landmarks: places by name, for sensors without a beacon of their own.
+    """
+    return _load(file, _Use(has_path=True, landmarks=landmarks, has_verdicts_alone=True))
 
 
 def scenario_from_text(text: str, file: str) -> Scenario:
@@ -111,12 +114,12 @@ def _parse(text: str, file: Path, use: _Use) -> Scenario:
 def _check(data: dict[str, Any], internal: dict[str, str], use: _Use) -> Scenario:
     """Return the scenario of TOML data; internal: what the record says of its file. Raises ScenarioError with all that is wrong.
 
-    Of a file that has [analysis] and no [start] verdicts alone are asked, whoever reads it.
+    Of a file that has [analysis], no [start] and no [replay] verdicts alone are asked, whoever reads it.
     """
     has_log = use.landmarks is not None or "replay" in data
-    has_verdicts_alone = use.has_verdicts_alone or ("analysis" in data and "start" not in data)
-    completed = with_log_defaults(data, use.landmarks or {}) if has_log else with_analysis_defaults(data) if has_verdicts_alone else data
-    upgrade = upgrade_data(completed)
+    has_verdicts_alone = use.has_verdicts_alone or ("analysis" in data and "start" not in data and not has_log)
+    completed = with_analysis_defaults(data) if has_verdicts_alone else data
+    upgrade = upgrade_data(with_log_defaults(completed, use.landmarks or {}) if has_log else completed)
     reserved_keys = [unknown_key((key,), key, _keys_at(())) for key in _INTERNAL_FIELDS if key in data]
     scenario, problems = _validate(upgrade.data, internal, use.has_path or has_log or has_verdicts_alone, has_verdicts_alone)
     problems = [*upgrade.problems, *reserved_keys, *problems]

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 def analyse(options: Namespace) -> Outcome:
     """Say what every suite of sensors sees, under every class of disturbances, in every manoeuvre."""
     from obsdesign.scenario.loading import load_scenario_to_analyse
+    from obsdesign.scenario.log_defaults import read_landmarks
 
     file = scenario_file(options.scenario)
-    scenario = load_scenario_to_analyse(file)
+    scenario = load_scenario_to_analyse(file, None if options.landmarks is None else read_landmarks(options.landmarks))
     folder = options.out or Path("reports") / file.stem
     require_writable(folder)
 

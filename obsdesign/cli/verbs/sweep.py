@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from argparse import ArgumentTypeError, Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -79,6 +78,8 @@ def _vary(text: str) -> tuple[str, list[Any]]:
 
 def _values(text: str) -> list[Any]:
     """Return values as TOML writes them, parted by commas; a word that is none is a text."""
+    import tomllib
+
     try:
         return tomllib.loads(f"values = [{text}]")["values"]
     except tomllib.TOMLDecodeError:
