@@ -10,11 +10,12 @@ from collections.abc import Sequence
 from fractions import Fraction
 from itertools import islice
 
-from flint import nmod, nmod_mat
+from flint import nmod
 
 from obsdesign.analysis.codistribution import Codistribution, CodistributionSample
 from obsdesign.analysis.vector_fields import AffineField
 from obsdesign.rank.exact_numbers import ExactNumber, as_residue, negate
+from obsdesign.rank.residues import row_basis
 from obsdesign.rank.symbols import PRIME
 
 Monomial = tuple[int, int | None]
@@ -68,13 +69,12 @@ def _solutions(codistribution: Codistribution, monomials: Sequence[Monomial]) ->
     while nullity:
         for sample in islice(samples, batch):
             rows += _rows(sample, monomials)
-        reduced, rank = nmod_mat(len(rows), width, [entry for row in rows for entry in row], PRIME).rref()
-        if rank == width:
+        rows = row_basis(rows)
+        if len(rows) == width:
             return []
-        rows = reduced.tolist()[:rank]
-        if width - rank == nullity:
+        if width - len(rows) == nullity:
             return _null_vectors(rows, width)
-        nullity, batch = width - rank, 1
+        nullity, batch = width - len(rows), 1
     return []
 
 

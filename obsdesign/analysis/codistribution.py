@@ -17,6 +17,7 @@ from obsdesign.analysis.evaluation_point import EvaluationPoint, random_residues
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.analysis.modular_points import random_modular_point
 from obsdesign.rank.exact_numbers import as_residue, pi_times
+from obsdesign.rank.residues import modular_matrix, row_basis
 from obsdesign.rank.symbols import PRIME, Symbols, pseudorandom
 
 _ATTEMPTS = 5  # random places tried: another one is needed only where something has no value, such as 1 / 0
@@ -119,10 +120,8 @@ def _lowest_orders(equations: Equations, dimension: int, seed: int, *, smooth: b
 def _covectors(experiments: Experiments) -> nmod_mat:
     """Return covectors (r, n) that span the combinations of rows without a part in inputs and added states."""
     rows, n_eliminated = experiments.rows(), experiments.n_eliminated
-    reduced, rank = nmod_mat(len(rows), experiments.n_columns, [entry for row in rows for entry in row], PRIME).rref()
-    free_rows = [row[n_eliminated:] for row in reduced.tolist()[:rank] if not any(int(entry) for entry in row[:n_eliminated])]
-    n = experiments.n_columns - n_eliminated
-    return nmod_mat(len(free_rows), n, [entry for row in free_rows for entry in row], PRIME)
+    free_rows = [row[n_eliminated:] for row in row_basis(rows) if not any(int(entry) for entry in row[:n_eliminated])]
+    return modular_matrix(free_rows, experiments.n_columns - n_eliminated)
 
 
 def _random_place(equations: Equations, seed: int) -> EvaluationPoint:

@@ -14,15 +14,14 @@ from functools import cached_property
 from typing import Any
 
 import flint
-from flint import arb, arb_mat, nmod_mat
+from flint import arb, arb_mat
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, random_fractions, random_residues
 from obsdesign.rank.elimination import Rank, RankBound, rank_of
 from obsdesign.rank.exact_numbers import Number
 from obsdesign.rank.graph import NoValueError
-from obsdesign.rank.residues import rank_bound
-from obsdesign.rank.symbols import PRIME
+from obsdesign.rank.residues import modular_rank, rank_bound
 from obsdesign.rank.taylor import FlowArguments
 
 
@@ -126,7 +125,7 @@ class Experiments:
 
     def _modular_rank(self, order: int, columns: slice) -> int:
         rows = [row[columns] for row, k in zip(self._modular_rows, self.row_orders, strict=True) if k <= order]
-        return nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME).rank() if rows and rows[0] else 0
+        return modular_rank(rows)
 
     def total_dimension(self, order: int) -> int:
         """Return rank J - rank of its part in w, added states included, with derivatives up to the order (modulo the prime)."""

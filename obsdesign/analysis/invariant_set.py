@@ -14,7 +14,7 @@ from functools import cached_property
 
 import casadi as ca
 import flint
-from flint import nmod, nmod_mat
+from flint import nmod
 
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, random_residues
@@ -23,7 +23,7 @@ from obsdesign.analysis.rank_growth import ModularGrowth, modular_growth
 from obsdesign.errors import InputError
 from obsdesign.rank.exact_numbers import as_residue
 from obsdesign.rank.graph import evaluate, instructions
-from obsdesign.rank.residues import values_modulo
+from obsdesign.rank.residues import modular_matrix, row_basis, values_modulo
 from obsdesign.rank.symbols import PRIME
 from obsdesign.rank.taylor import FlowArguments
 
@@ -120,8 +120,7 @@ class _Chart:
         spanning = [vector for vector in (*self.directions, *vectors) if any(entry != 0 for entry in vector)]
         if not spanning:
             return self
-        reduced, rank = _matrix(spanning).rref()
-        return replace(self, directions=tuple(reduced.tolist()[:rank]))
+        return replace(self, directions=tuple(row_basis(spanning)))
 
     @cached_property
     def linear_forms(self) -> list[Vector]:
@@ -129,11 +128,8 @@ class _Chart:
         N = len(self.start_coordinates)
         if not self.directions:
             return [[nmod(int(i == j), PRIME) for j in range(N)] for i in range(N)]
-        columns, nullity = _matrix(self.directions).nullspace()
-        if not nullity:
-            return []
-        reduced, rank = nmod_mat(nullity, N, [columns[i, j] for j in range(nullity) for i in range(N)], PRIME).rref()
-        return reduced.tolist()[:rank]
+        columns, nullity = modular_matrix(self.directions, N).nullspace()
+        return row_basis([[columns[i, j] for i in range(N)] for j in range(nullity)])
 
     def random_point(self, seed: str) -> EvaluationPoint:
         """Return a random state of the set. Raises _NotSampledError."""
@@ -182,10 +178,6 @@ class _Chart:
             flint.ctx.cap = series_cap
         columns = [([*arithmetic.coefficients(value), *[nmod(0, PRIME)] * n_terms])[:n_terms] for value in values]
         return [[column[k] for column in columns] for k in range(1, n_terms)]
-
-
-def _matrix(rows: Sequence[Vector]) -> nmod_mat:
-    return nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME)
 
 
 def _smallest_invariant(chart: _Chart, seed: int) -> _Chart | None:

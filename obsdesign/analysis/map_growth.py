@@ -15,11 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from flint import nmod_mat
-
 from obsdesign.analysis.experiments import Experiments
 from obsdesign.rank.graph import evaluate
-from obsdesign.rank.symbols import PRIME
+from obsdesign.rank.residues import modular_matrix, modular_rank, row_basis
 
 Rows = list[list[Any]]
 
@@ -52,11 +50,11 @@ class MapSolutions:
     def dimension(self, start: int, samples: int) -> int:
         """Return how much of what the solutions are at a step their outputs from there on tell: that many, and one."""
         rows, columns = self._rows(start, samples)
-        return rank_modulo(rows) - rank_modulo([row[:columns] for row in rows])
+        return modular_rank(rows) - modular_rank([row[:columns] for row in rows])
 
     def rank(self, samples: int) -> int:
         """Return the rank of J, from the first step on."""
-        return rank_modulo(self._rows(0, samples)[0])
+        return modular_rank(self._rows(0, samples)[0])
 
     def _rows(self, start: int, samples: int) -> tuple[Rows, int]:
         """J from a step on, and how many of its columns are those of unknown inputs, which come first."""
@@ -83,7 +81,7 @@ class MapSolutions:
         for k in range(len(self.A[0]) - 1):
             T = self._image(T, k)
             dimensions.append(len(T))
-        is_onto = rank_modulo(self._image([[int(i == j) for i in range(size)] for j in range(size)], 0)) == size
+        is_onto = modular_rank(self._image([[int(i == j) for i in range(size)] for j in range(size)], 0)) == size
         if self.is_point and not self.is_at_rest:
             return next((j for j, dimension in enumerate(dimensions) if dimension == size), None) if is_onto else None
         if self.count > 1 and not is_onto and not self.is_point:
@@ -100,7 +98,7 @@ class MapSolutions:
             for column in zip(*self.U[i][k], strict=True):
                 vectors.append([*[0] * (i * n), *column, *[0] * ((self.count - i - 1) * n)])
         vectors += [[entry for i in range(self.count) for entry in columns[i]] for columns in self._disturbances(k)]
-        return _basis(vectors)
+        return row_basis(vectors)
 
     def _disturbances(self, k: int) -> Sequence[Sequence[Sequence[Any]]]:
         p = len(self.B[0][k][0])
@@ -128,20 +126,8 @@ def solutions_of(experiments: Experiments, steps: int, *, is_point: bool) -> Map
     return MapSolutions(*(tuple(matrices[name]) for name in "AUBC"), is_point=is_point, is_at_rest=is_at_rest)
 
 
-def rank_modulo(rows: Rows) -> int:
-    """Return the rank of rows modulo the prime."""
-    return nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME).rank() if rows and rows[0] else 0
-
-
 def _product(first: Rows, second: Rows) -> Rows:
     if not first or not first[0]:
         return [[0] * len(second[0]) for _ in first]
-    a, b = (nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME) for rows in (first, second))
+    a, b = (modular_matrix(rows, len(rows[0])) for rows in (first, second))
     return (a * b).tolist()
-
-
-def _basis(vectors: Rows) -> Rows:
-    if not vectors:
-        return []
-    reduced, rank = nmod_mat(len(vectors), len(vectors[0]), [entry for row in vectors for entry in row], PRIME).rref()
-    return reduced.tolist()[:rank]

@@ -44,12 +44,29 @@ MODULAR_ARITHMETIC = modular_arithmetic(Symbols())
 """Residues with no relations among symbols but those that hold for one function."""
 
 
+def modular_matrix(rows: Sequence[Sequence[nmod | int]], n_columns: int) -> nmod_mat:
+    """Return rows (m, n_columns) as a matrix modulo the prime."""
+    return nmod_mat(len(rows), n_columns, [entry for row in rows for entry in row], PRIME)
+
+
+def modular_rank(rows: Sequence[Sequence[nmod | int]]) -> int:
+    """Return the rank of rows modulo the prime."""
+    return modular_matrix(rows, len(rows[0])).rank() if rows and rows[0] else 0
+
+
+def row_basis(rows: Sequence[Sequence[nmod | int]]) -> list[list[nmod]]:
+    """Return a basis of the space that rows span modulo the prime, in reduced echelon form."""
+    if not rows:
+        return []
+    reduced, rank = modular_matrix(rows, len(rows[0])).rref()
+    return reduced.tolist()[:rank]
+
+
 def independent_rows(rows: Sequence[Sequence[nmod]]) -> tuple[int, ...]:
     """Return the first rows that are independent modulo the prime, by index."""
     if not rows or not rows[0]:
         return ()
-    columns = nmod_mat(len(rows), len(rows[0]), [entry for row in rows for entry in row], PRIME).transpose()
-    reduced, rank = columns.rref()
+    reduced, rank = modular_matrix(rows, len(rows[0])).transpose().rref()
     return tuple(next(j for j in range(len(rows)) if reduced[i, j] != 0) for i in range(rank))
 
 
@@ -59,14 +76,11 @@ def rank_bound(rows: Sequence[Sequence[nmod]], n_columns: int, n_eliminated: int
     In the reduced echelon form that is a column with a pivot whose row has no other entry.
     """
     n = n_columns - n_eliminated
-    if not rows:
-        return RankBound(0, 0, (False,) * n)
-    reduced, rank = nmod_mat(len(rows), n_columns, [entry for row in rows for entry in row], PRIME).rref()
-    echelon = reduced.tolist()[:rank]
+    echelon = row_basis(rows)
     pivots = [next(j for j in range(n_columns) if row[j] != 0) for row in echelon]
     unit_columns = {pivot for row, pivot in zip(echelon, pivots, strict=True) if all(row[j] == 0 for j in range(pivot + 1, n_columns))}
     rank_eliminated = sum(pivot < n_eliminated for pivot in pivots)
-    return RankBound(rank - rank_eliminated, rank_eliminated, tuple(n_eliminated + j in unit_columns for j in range(n)))
+    return RankBound(len(echelon) - rank_eliminated, rank_eliminated, tuple(n_eliminated + j in unit_columns for j in range(n)))
 
 
 def values_modulo(
