@@ -14,7 +14,7 @@ from conftest import ROOT
 import obsdesign as od
 from obsdesign.cli import main
 from obsdesign.exchange.trajectory_csv import trajectory_csv
-from obsdesign.report.analysis_document import analysis_document
+from obsdesign.report.analysis_document import AnalysisDocument, analysis_document
 from obsdesign.report.analysis_page import analysis_page
 from obsdesign.report.analysis_sections.sees import answer
 from obsdesign.scenario.loading import load_scenario_of_log, load_scenario_to_analyse
@@ -209,6 +209,34 @@ def test_why_a_case_hides_something_is_said_and_what_would_mend_it(tmp_path: Pat
     assert "What would mend it" in analysis_page(study)
     part = analysis_document(study).hidden[0]
     assert (part.remedies, part.reasons) == (words, [reason.in_words for reason in case.reasons])
+
+
+def test_the_largest_suites_that_were_asked_about_are_explained(tmp_path: Path):
+    """A bearing hides a rotation about its beacon, which a second beacon tells: one of the others is what would mend it."""
+    study = study_of(tmp_path, LANDMARKS.replace(', disturbance = "unknown"', "") + '[analysis]\nsubsets = [["a"], ["b"]]\n')
+    assert [case.analysis.sensors for case in study.hidden] == [("a",), ("b",)]
+    assert [[remedy.sensors for remedy in case.remedies.cheapest] for case in study.hidden] == [[("b",), ("c",)], [("a",), ("c",)]]
+    assert all(case.reasons for case in study.hidden)
+    page = analysis_page(study)
+    assert "What a cannot see, free" in page
+    assert "a, free: rotation of everything about the beacon at (2, 0) m" in page
+    assert [part.sensors for part in analysis_document(study).hidden] == [["a"], ["b"]]
+
+
+def test_where_states_are_known_at_the_start_the_page_says_that_nothing_was_looked_for(tmp_path: Path):
+    """Of three states that move as nobody knows, x and a direction tell two."""
+    text = 'unknown_inputs = ["forward", "sideways", "turn_rate"]\n' + LANDMARKS.replace(', disturbance = "unknown"', "")
+    study = study_of(tmp_path, text + '[analysis]\nsubsets = [["a"]]\nknown_at_start = ["x"]\n')
+    assert not study.of_all_sensors[0].verdict.observable
+    assert study.hidden == ()
+    assert "is not looked for where states are known at the start" in analysis_page(study)
+
+
+def test_every_key_of_the_document_has_a_description():
+    parts = {name: part for name, part in AnalysisDocument.model_json_schema()["$defs"].items() if name in ("AlongPart", "HiddenPart")}
+    tables = [AnalysisDocument.model_json_schema(), *parts.values()]
+    keys = {key: entry for table in tables for key, entry in table["properties"].items()}
+    assert [key for key, entry in keys.items() if "description" not in entry and "$ref" not in entry] == []
 
 
 def test_along_a_path_the_stretch_on_the_circle_is_the_one_that_hides_the_state(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -62,6 +62,19 @@ def test_ready_made_sensors_are_offered_where_nothing_else_is():
     assert {each.sensors for each in found.cheapest} == {("gps",), ("magnetometer",), ("course",)}
 
 
+def test_of_a_ready_made_sensor_is_said_to_which_beacon_it_looks():
+    """Directions to two beacons leave the vehicle anywhere on a circle through both; the distance to either tells where on it."""
+    beacons = ((2.0, 0.0), (-1.0, 3.0))
+    system = od.System(
+        od.Omnidirectional(),
+        tuple(od.Bearing(beacon=place, sigma=0.02) for place in beacons),
+        unknown_inputs=("forward", "sideways", "turn_rate"),
+    )
+    words = [each.in_words for each in od.remedies(system, at_once=1).cheapest]
+    assert {"add range to the beacon at (2, 0) m", "add range_2 to the beacon at (-1, 3) m"} <= set(words)
+    assert all("beacon" in each for each in words if "range" in each)
+
+
 def test_a_system_of_ones_own_is_offered_measurements_of_its_states():
     # only the product of two constants shows: either of them mends it
     x = ca.SX.sym("x", 3)

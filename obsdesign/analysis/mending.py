@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import casadi as ca
@@ -22,6 +22,7 @@ from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.system import System
 from obsdesign.errors import InputError
 from obsdesign.sensors.abstract import AbstractSensor
+from obsdesign.signals import Point
 
 _LISTED = 8  # remedies that are shown
 
@@ -38,13 +39,22 @@ class Remedy:
     """What they cost together."""
     verdict: Verdict
     """The verdict with them."""
+    places: Mapping[str, Point] = field(default_factory=dict)
+    """Where the beacon stands (x, y) [m] of each of them that the system does not have, by name."""
 
     @property
     def in_words(self) -> str:
         """The remedy in words."""
-        parts = [f"add {' and '.join(self.sensors)}"] if self.sensors else []
+        parts = [f"add {' and '.join(map(self._sensor, self.sensors))}"] if self.sensors else []
         parts += [f"let {' and '.join(self.released)} vary"] if self.released else []
         return ", and ".join(parts)
+
+    def _sensor(self, name: str) -> str:
+        """Return a sensor's name, and to what it looks where nobody said that yet."""
+        if name not in self.places:
+            return name
+        x, y = self.places[name]
+        return f"{name} to the beacon at ({x:g}, {y:g}) m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +129,15 @@ def remedies(
     for name, price in prices.items():
         require_positive(f"costs: {name}", price)
     is_mended = not set(aims) & set(verdict.unobservable_states)
-    cheapest = () if is_mended else tuple(_cheapest(question, model, in_use, aims, prices, at_once))
+    mending = () if is_mended else _cheapest(question, model, in_use, aims, prices, at_once)
+    cheapest = tuple(replace(remedy, places=_new_places(remedy, system.model, model)) for remedy in mending)
     return Remedies(verdict, tuple(name for name in system.model.state_names if name in aims), cheapest, tuple(options), at_once)
+
+
+def _new_places(remedy: Remedy, present: Model, model: Model) -> dict[str, Point]:
+    """Return where the beacon stands of each sensor of a remedy that the present model does not have."""
+    added = (channel for channel in model.channels if channel.name in remedy.sensors and channel.name not in present.sensor_names)
+    return {channel.name: channel.landmarks[0] for channel in added if len(channel.landmarks) == 1}
 
 
 def _with_offers(system: AbstractSystem, in_use: Sequence[str], offered: Sequence[AbstractSensor] | None, verdict: Verdict) -> Model:

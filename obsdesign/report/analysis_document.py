@@ -24,36 +24,37 @@ class StretchPart(DocumentPart):
 class AlongPart(DocumentPart):
     """How near the motion along a path comes to hiding the state."""
 
-    name: str
+    name: str = Field(description="of the file")
     orders: int = Field(description="up to which order derivatives were taken")
     t: list[float] = Field(description="[s]")
-    nearness: list[float] = Field(description="smallest singular value over the largest; 0: something is hidden")
-    rank: list[int]
-    hidden: list[StretchPart]
-    notes: list[str]
+    nearness: list[float] = Field(description="smallest singular value over the largest, at each instant; 0: something is hidden")
+    rank: list[int] = Field(description="how many directions are seen, at each instant")
+    hidden: list[StretchPart] = Field(description="in the order of time")
+    notes: list[str] = Field(description="what was made of the file")
 
 
 class HiddenPart(DocumentPart):
-    """A case in which all sensors together do not see the state."""
+    """A case in which all sensors together, or a largest suite that was asked about, do not see the state."""
 
-    manoeuvre: str
-    disturbance: str
+    sensors: list[str] = Field(description="the suite")
+    manoeuvre: str = Field(description="how it moves")
+    disturbance: str = Field(description="what unknown inputs may be")
     reasons: list[str] = Field(description="why, each a theorem whose hypotheses hold")
     remedies: list[str] = Field(description="in words, the cheapest first; none: nothing that was tried mends it")
-    tried: list[str]
+    tried: list[str] = Field(description="sensors that were added, and held inputs that were let vary")
 
 
 class AnalysisDocument(DocumentPart):
     """What every suite of sensors sees, under every class of disturbances, in every manoeuvre."""
 
     scenario: ScenarioPart
-    seed: int
-    versions: dict[str, str]
+    seed: int = Field(description="of the random states that stand for almost every one")
+    versions: dict[str, str] = Field(description="those that may change a number")
     at: dict[str, float] | None = Field(description="the state that is asked about; null: almost every one")
     verdicts: dict[str, dict[str, dict[str, VerdictPart]]] = Field(description="by manoeuvre, by disturbance, by sensors joined with +")
-    hidden: list[HiddenPart] = Field(description="cases in which all sensors together do not see the state: why, and what would mend it")
+    hidden: list[HiddenPart] = Field(description="cases in which the largest suites do not see the state: why, and what would mend it")
     along: AlongPart | None = Field(default=None, description="null: no path was given")
-    expected: list[Expectation]
+    expected: list[Expectation] = Field(description="known truths of the scenario, but for those of a run")
 
 
 def analysis_document(study: AnalysisStudy) -> AnalysisDocument:
@@ -82,6 +83,7 @@ _OF_A_RUN = set(Result.model_fields) - set(AnalysisDocument.model_fields)  # key
 
 def _hidden_part(case: HiddenCase) -> HiddenPart:
     return HiddenPart(
+        sensors=list(case.analysis.sensors),
         manoeuvre=case.analysis.manoeuvre,
         disturbance=case.analysis.verdict.disturbance,
         reasons=[reason.in_words for reason in case.reasons],

@@ -18,14 +18,16 @@ from obsdesign.progress import Progress
 from obsdesign.scenario.schema import Scenario
 from obsdesign.scenario.tables import Manoeuvre
 from obsdesign.study.analysis_along import AlongPath
+from obsdesign.study.problem import system_with
 from obsdesign.study.record import Analysis
 
 _FEW_SENSORS = 5  # of which every subset is looked at
+_AT_ONCE, _FEW_UNUSED = 2, 10  # remedies that are tried at once, where so few sensors are offered
 
 
 @dataclass(frozen=True, eq=False)
 class HiddenCase:
-    """A case in which all sensors together do not see the state: why, and what would mend it."""
+    """A case in which all sensors together, or a largest suite that was asked about, do not see the state: why, and what would mend it."""
 
     analysis: Analysis
     reasons: tuple[Reason, ...]
@@ -37,7 +39,7 @@ class AnalysisStudy:
     """The verdicts of a scenario: sensors within manoeuvres within disturbances; at (n,): the state asked about, None = generic.
 
     along: what the motion along a path or a log hides, None where there is none; hidden: the cases in which all sensors
-    together do not see the state.
+    together, or the largest suites that were asked about, do not see the state; none where states are known at the start.
     """
 
     scenario: Scenario
@@ -105,15 +107,19 @@ def subsets_of(scenario: Scenario) -> tuple[tuple[str, ...], ...]:
 
 
 def _hidden_cases(study: AnalysisStudy, cases: Sequence[_Case], progress: Progress | None) -> Iterator[HiddenCase]:
-    """Yield the cases of all sensors that hide something; none where states are known at the start."""
-    scenario, names = study.scenario, set(study.scenario.sensor_names)
+    """Yield the cases of the largest suites that hide something."""
+    scenario, largest = study.scenario, study.of_all_sensors
+    if scenario.analysis.known_at_start:
+        return
     for case, analysis in zip(cases, study.analyses, strict=True):
-        if set(case.sensors) != names or analysis.verdict.observable or scenario.analysis.known_at_start:
+        if analysis not in largest or analysis.verdict.observable:
             continue
         if progress is not None:
             progress(f"Why, and what would mend it: {case_name(study, analysis)}")
         question = (study.at, case.manoeuvre.held, case.disturbance, scenario.analysis.known_inputs, study.seed)
-        yield HiddenCase(analysis, explain(scenario.system, *question).reasons, remedies(scenario.system, *question))
+        reasons = explain(system_with(scenario, case.sensors), *question).reasons
+        at_once = _AT_ONCE if len(scenario.sensor_names) - len(case.sensors) <= _FEW_UNUSED else 1
+        yield HiddenCase(analysis, reasons, remedies(scenario.system, *question, sensors=case.sensors, at_once=at_once))
 
 
 @dataclass(frozen=True)
@@ -134,6 +140,13 @@ def _cases(scenario: Scenario) -> Iterator[_Case]:
 
 def _disturbance(given: Literal["arbitrary"] | int) -> Disturbance:
     return Polynomial(given) if isinstance(given, int) else given
+
+
+def suite_name(study: AnalysisStudy, sensors: tuple[str, ...]) -> str:
+    """Return what a suite is called."""
+    if set(sensors) != set(study.scenario.sensor_names):
+        return " + ".join(sensors)
+    return "all sensors together" if len(sensors) > 1 else "the sensor"
 
 
 def cases_apart(study: AnalysisStudy) -> tuple[Analysis, ...]:

@@ -45,7 +45,7 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
     path, u = paths[0], np.vstack([path.u for path in paths])
     reach = zip(names, u.min(axis=0) - 1.0, u.max(axis=0) + 1.0, strict=True)
     return DesignProblem(
-        system=_with_suite(scenario, suite),
+        system=system_with(scenario, suite),
         start=path.x[0],
         duration=path.step * path.steps,
         step=path.step,
@@ -59,7 +59,7 @@ def problem_along(scenario: Scenario, suite: tuple[str, ...], paths: Sequence[Tr
     )
 
 
-def _with_suite(scenario: Scenario, suite: tuple[str, ...]) -> System | TextSystem:
+def system_with(scenario: Scenario, suite: tuple[str, ...]) -> System | TextSystem:
     """The scenario's system with some of its sensors; scales and biases of the others stay states."""
     system = scenario.system
     if set(suite) == set(scenario.sensor_names):
@@ -74,7 +74,7 @@ def problem_of(scenario: Scenario, suite: tuple[str, ...]) -> DesignProblem:
     if design.path is None:
         raise InputError("the scenario has no design.path: its paths are given")
     return DesignProblem(
-        system=_with_suite(scenario, suite),
+        system=system_with(scenario, suite),
         start=start_of(scenario),
         duration=time.duration if design.shortest is None else (design.shortest, time.duration),
         step=time.step,

@@ -8,13 +8,15 @@ from obsdesign.cli.verb import Argument, Outcome, Verb
 
 
 def schema(options: Namespace) -> Outcome:
-    """Return the JSON Schema of scenarios, of result.json or of replay.json."""
+    """Return the JSON Schema of scenarios, of result.json, analysis.json or replay.json."""
     import json
 
     if options.document == "scenario":
         from obsdesign.scenario.schema import Scenario as Document
     elif options.document == "replay":
         from obsdesign.report.replay_document import ReplayDocument as Document
+    elif options.document == "analysis":
+        from obsdesign.report.analysis_document import AnalysisDocument as Document
     else:
         from obsdesign.report.document import Result as Document
     document = Document.model_json_schema()
@@ -23,8 +25,8 @@ def schema(options: Namespace) -> Outcome:
 
 VERB = Verb(
     name="schema",
-    what="print the JSON Schema of scenarios, of result.json or of replay.json",
+    what="print the JSON Schema of scenarios, of result.json, analysis.json or replay.json",
     action=schema,
     example="schema result > result.schema.json",
-    arguments=(Argument("document", "of what", choices=("scenario", "result", "replay")),),
+    arguments=(Argument("document", "of what", choices=("scenario", "result", "analysis", "replay")),),
 )

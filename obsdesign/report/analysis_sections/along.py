@@ -26,7 +26,8 @@ def answer(motion: Singularities) -> str:
     n = len(motion.names)
     if not motion.hidden:
         weakest = int(motion.nearness.argmin())
-        near = f"it is nearest to that at {numeral(float(motion.t[weakest]))} s, {numeral(float(motion.nearness[weakest]))} of the largest"
+        when, share = numeral(float(motion.t[weakest])), numeral(float(motion.nearness[weakest]))
+        near = f"it is nearest to that at {when} s, where the smallest singular value is {share} of the largest"
         return f"Nowhere: outputs and their derivatives tell all {n} states all along; {near}."
     share = float(np.mean(motion.rank < n))
     return f"For {percent(share)} of the time, on {len(motion.hidden)} stretch{'es' * (len(motion.hidden) > 1)}."

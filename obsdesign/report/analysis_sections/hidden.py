@@ -9,7 +9,7 @@ from obsdesign.report.number_format import NOTHING, join, numeral, typeset
 from obsdesign.report.section import Section
 from obsdesign.report.sections.observability import hidden_table
 from obsdesign.report.table import Table, TableColumn, tabulate
-from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart
+from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart, suite_name
 from obsdesign.study.record import Analysis
 
 _SHOWN = 5  # remedies of a case
@@ -21,9 +21,10 @@ def section(study: AnalysisStudy) -> Section | None:
     missing = [analysis for analysis in cases_apart(study) if analysis.sensors in largest and not analysis.verdict.observable]
     if not missing:
         return None
-    who = "all sensors together" if len(study.scenario.sensor_names) > 1 else "the sensor"
-    tables = [*_remedies_tables(study), *(hidden_table(study.scenario.states, who, analysis) for analysis in missing)]
-    notes = [_sentence(study, analysis) for analysis in missing]
+    hidden = (hidden_table(study.scenario.states, suite_name(study, analysis.sensors), analysis) for analysis in missing)
+    tables, notes = [*_remedies_tables(study), *hidden], [_sentence(study, analysis) for analysis in missing]
+    if study.scenario.analysis.known_at_start:
+        notes.append("Why, and what would mend it, is not looked for where states are known at the start.")
     return Section("hidden", "What stays hidden, and why?", "", (), tuple(tables), tuple(dict.fromkeys(notes)))
 
 
@@ -35,7 +36,9 @@ def _remedies_tables(study: AnalysisStudy) -> Iterator[Table]:
     for case in study.hidden:
         tried, cheapest = case.remedies, case.remedies.cheapest[:_SHOWN]
         nothing = f"nothing of {join(tried.offered, 'or') or 'what there is'}, up to {tried.at_once} at once"
-        rows.append((case_name(study, case.analysis), join([remedy.in_words for remedy in cheapest], "or") or nothing))
+        rows.append(
+            (_case(study, case.analysis, case_name(study, case.analysis)), join([remedy.in_words for remedy in cheapest], "or") or nothing)
+        )
     good = "Each of them was tried: with it every state is seen."
     yield tabulate("What would mend it", good, (TableColumn("case"), TableColumn("mended by")), rows)
 
@@ -45,7 +48,13 @@ def _sentence(study: AnalysisStudy, analysis: Analysis) -> str:
     verdict = analysis.verdict
     whose = next((case for case in study.hidden if case.analysis.verdict is verdict), None)
     because = "" if whose is None or not whose.reasons else f" Because {join([reason.in_words for reason in whose.reasons])}."
-    return typeset(f"{analysis.manoeuvre}: {verdict.hidden}.{because}")
+    return typeset(f"{_case(study, analysis, analysis.manoeuvre)}: {verdict.hidden}.{because}")
+
+
+def _case(study: AnalysisStudy, analysis: Analysis, name: str) -> str:
+    """Return what a case is called that bears a name, with its suite where there are several largest ones."""
+    suites = {whole.sensors for whole in study.of_all_sensors}
+    return name if len(suites) == 1 else f"{' + '.join(analysis.sensors)}, {name}"
 
 
 def growth_section(study: AnalysisStudy) -> Section:

@@ -6,7 +6,7 @@ from obsdesign.report.analysis_figures import dimension_map, rank_growth
 from obsdesign.report.number_format import join
 from obsdesign.report.section import Section
 from obsdesign.report.sections.observability import decision_note, subsets_table
-from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart
+from obsdesign.study.analysis_study import AnalysisStudy, case_name, cases_apart, suite_name
 
 
 def section(study: AnalysisStudy) -> Section:
@@ -36,14 +36,12 @@ def answer(study: AnalysisStudy) -> str:
 
 def _who(study: AnalysisStudy) -> tuple[str, str]:
     """Whom the answer is about, and the verb: all sensors, or the largest suites that were asked about."""
-    names, suites = study.scenario.sensor_names, list(dict.fromkeys(analysis.sensors for analysis in study.of_all_sensors))
+    suites = list(dict.fromkeys(analysis.sensors for analysis in study.of_all_sensors))
     if len(suites) > 1:
         return "The largest suites", "see"
-    if len(names) == 1:
-        return "The sensor", "sees"
-    if set(suites[0]) == set(names):
-        return "All sensors together", "see"
-    return " + ".join(suites[0]), "sees" if len(suites[0]) == 1 else "see"
+    name = suite_name(study, suites[0])
+    is_named_by_sensors = name == " + ".join(suites[0])
+    return name if is_named_by_sensors else name.capitalize(), "sees" if len(suites[0]) == 1 else "see"
 
 
 def _smaller(study: AnalysisStudy) -> str:
