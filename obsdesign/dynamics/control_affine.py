@@ -8,11 +8,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.checks import require_known, require_positive
-from obsdesign.dynamics.channel import Channel
 from obsdesign.dynamics.expressions import abbreviate, as_expression, require_dependence, require_expression
 from obsdesign.dynamics.model import AbstractSystem, Model, columns
 from obsdesign.dynamics.motion import AffineMotion
+from obsdesign.dynamics.named_outputs import NamedOutputs
 from obsdesign.dynamics.output_noise import OutputNoise, noise_from
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
@@ -125,17 +124,7 @@ class ControlAffineSystem(AbstractSystem):
         n = self.state.numel()
         if not self.state.is_valid_input():
             raise InputError(f"state is {self.state}: must be a column of distinct SX symbols")
-        if len(self.names) != n:
-            raise InputError(f"names has {len(self.names)} entries: the state has {n}")
-        measured_states = {
-            name
-            for i, name in enumerate(self.names)
-            if name in self.outputs and self.outputs[name].numel() == 1 and ca.is_equal(self.outputs[name], self.state[i])
-        }
-        all_names = [*self.names, *self._inputs, *self.unknown, *(name for name in self._entries if name not in measured_states)]
-        repeated = sorted({name for name in all_names if all_names.count(name) > 1})
-        if repeated:
-            raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")
+        self._named_outputs.require_names(self.state, self.names, (*self._inputs, *self.unknown))
         inputs = {**dict.fromkeys(self.known, "known input"), **dict.fromkeys(self.unknown, "unknown input")}
         for name, expression in {"drift": self.drift, **self.known, **self.unknown}.items():
             require_expression(f"field {name!r}" if name in inputs else name, expression, self.state, (n, 1), inputs)
@@ -143,20 +132,7 @@ class ControlAffineSystem(AbstractSystem):
             seen = ca.vertcat(self.state, *self.signals.values())
             require_expression(f"output {name!r}", expression, seen, (max(expression.shape[0], 1), 1), inputs)
             require_dependence(name, expression, self.state)
-        require_known("sigmas", tuple(self.sigmas), tuple(self.outputs))
-        require_known("angles", self.angles, (*self.names, *self.outputs, *self._entries))
-        for name, sigma in self.sigmas.items():
-            require_positive(f"{name}: sigma", sigma)
-        require_known("noises", tuple(self.noises), tuple(self.outputs))
-        for name, noise in self.noises.items():
-            if name in self.sigmas:
-                raise InputError(f"noises: {name!r} is in sigmas, too: one of the two says how well it is measured")
-            if isinstance(noise.bias_floor, tuple) and len(noise.bias_floor) != (q := self.outputs[name].numel()):
-                raise InputError(f"noises: bias_floor of {name!r} has {len(noise.bias_floor)} entries: the output has {q}")
-            for what, expression in (("sigma", noise.noise.spread), ("gate", noise.noise.gate)):
-                shapes = ((1, 1), (self.outputs[name].numel(), 1)) if what == "sigma" else ((1, 1),)
-                shape = expression.shape if expression.shape in shapes else shapes[-1]
-                require_expression(f"noises: {what} of {name!r}", expression, self.state, shape, inputs)
+        self._named_outputs.require_noises(lambda what, expression, shape: require_expression(what, expression, self.state, shape, inputs))
 
     @property
     def _inputs(self) -> dict[str, ca.SX]:
@@ -166,32 +142,21 @@ class ControlAffineSystem(AbstractSystem):
         return {**self.known, **{name: ca.SX(self.state.numel(), 1) for name in self.signals if name not in self.known}}
 
     @property
-    def _entries(self) -> tuple[str, ...]:
-        """Names of all entries of all outputs."""
-        return tuple(entry for name in self.outputs for entry in self._entries_of(name))
-
-    def _entries_of(self, name: str) -> tuple[str, ...]:
-        q = self.outputs[name].numel()
-        return (name,) if q == 1 else tuple(f"{name}_{i + 1}" for i in range(q))
-
-    def _channel(self, name: str) -> Channel:
-        signals = tuple(Signal(entry, is_angle=entry in self.angles or name in self.angles) for entry in self._entries_of(name))
-        noise = self.noises.get(name, OutputNoise(self.sigmas.get(name, 1.0)))
-        return Channel(name, signals, self.outputs[name], noise.noise, noise.rate, noise.landmarks)
+    def _named_outputs(self) -> NamedOutputs:
+        return NamedOutputs(self.outputs, self.sigmas, self.angles, self.noises)
 
     def _build(self) -> Model:
         import casadi as ca
 
         n = self.state.numel()
-        signals = {name: Signal(name, is_angle=name in self.angles) for name in self.names}
         return Model(
             x=self.state,
-            states=tuple(signals[name] for name in self.names),
+            states=tuple(Signal(name, is_angle=name in self.angles) for name in self.names),
             # __post_init__ replaced None by zeros
             motion=AffineMotion(self.drift, columns(list(self._inputs.values()), n), columns(list(self.unknown.values()), n)),  # pyright: ignore[reportArgumentType]
             inputs=tuple(Signal(name) for name in self._inputs),
             unknown_inputs=tuple(Signal(name) for name in self.unknown),
-            channels=tuple(self._channel(name) for name in self.outputs),
+            channels=self._named_outputs.channels,
             u_of_outputs=ca.vertcat(*(self.signals.get(name, ca.SX.sym("unused")) for name in self._inputs)) if self.signals else None,
         )
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
-from obsdesign.checks import require_known, require_positive
-from obsdesign.dynamics.channel import Channel
 from obsdesign.dynamics.expressions import abbreviate, as_expression, require_dependence
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.motion import AbstractMotion
+from obsdesign.dynamics.named_outputs import NamedOutputs
 from obsdesign.dynamics.output_noise import OutputNoise, noise_from
 from obsdesign.errors import InputError
 from obsdesign.signals import Signal
@@ -68,25 +67,9 @@ class AbstractExpressionSystem(AbstractSystem):
         for group in ("inputs", "unknown", "sigmas", "noises"):
             object.__setattr__(self, group, dict(getattr(self, group)))
         object.__setattr__(self, "outputs", {name: as_expression(f"outputs[{name!r}]", value) for name, value in self.outputs.items()})
-        self._check_names()
+        self._named_outputs.require_names(self.state, self.names, (*self.inputs, *self.unknown))
         self._check_expressions()
-        self._check_noises()
-
-    def _check_names(self) -> None:
-        import casadi as ca
-
-        if len(self.names) != self.state.numel():
-            raise InputError(f"names has {len(self.names)} entries: the state has {self.state.numel()}")
-        measured = {
-            name
-            for i, name in enumerate(self.names)
-            if name in self.outputs and self.outputs[name].numel() == 1 and ca.is_equal(self.outputs[name], self.state[i])
-        }
-        all_names = [*self.names, *self.inputs, *self.unknown, *(name for name in self._entries if name not in measured)]
-        repeated = sorted({name for name in all_names if all_names.count(name) > 1})
-        if repeated:
-            raise InputError(f"the name {repeated[0]!r} is used twice: states, inputs and outputs need names of their own")
-        require_known("angles", self.angles, (*self.names, *self.outputs, *self._entries))
+        self._named_outputs.require_noises(partial(self._require_symbols, inputs={}))
 
     def _check_expressions(self) -> None:
         import casadi as ca
@@ -116,34 +99,9 @@ class AbstractExpressionSystem(AbstractSystem):
                 allowed = ", ".join((*self.names, *inputs))
                 raise InputError(f"{what} = {abbreviate(expression)} contains {cause} (accepted: {allowed})")
 
-    def _check_noises(self) -> None:
-        for group in ("sigmas", "noises"):
-            require_known(group, tuple(getattr(self, group)), tuple(self.outputs))
-        for name, sigma in self.sigmas.items():
-            require_positive(f"{name}: sigma", sigma)
-        for name, noise in self.noises.items():
-            q = self.outputs[name].numel()
-            if name in self.sigmas:
-                raise InputError(f"noises: {name!r} is in sigmas, too: one of the two says how well it is measured")
-            if isinstance(noise.bias_floor, tuple) and len(noise.bias_floor) != q:
-                raise InputError(f"noises: bias_floor of {name!r} has {len(noise.bias_floor)} entries: the output has {q}")
-            for what, expression, shapes in (("sigma", noise.noise.spread, ((1, 1), (q, 1))), ("gate", noise.noise.gate, ((1, 1),))):
-                shape = expression.shape if expression.shape in shapes else shapes[-1]
-                self._require_symbols(f"noises: {what} of {name!r}", expression, shape, {})
-
     @property
-    def _entries(self) -> tuple[str, ...]:
-        """Names of all entries of all outputs."""
-        return tuple(entry for name in self.outputs for entry in self._entries_of(name))
-
-    def _entries_of(self, name: str) -> tuple[str, ...]:
-        q = self.outputs[name].numel()
-        return (name,) if q == 1 else tuple(f"{name}_{i + 1}" for i in range(q))
-
-    def _channel(self, name: str) -> Channel:
-        signals = tuple(Signal(entry, is_angle=entry in self.angles or name in self.angles) for entry in self._entries_of(name))
-        noise = self.noises.get(name, OutputNoise(self.sigmas.get(name, 1.0)))
-        return Channel(name, signals, self.outputs[name], noise.noise, noise.rate, noise.landmarks)
+    def _named_outputs(self) -> NamedOutputs:
+        return NamedOutputs(self.outputs, self.sigmas, self.angles, self.noises)
 
     def _build(self) -> Model:
         import casadi as ca
@@ -155,7 +113,7 @@ class AbstractExpressionSystem(AbstractSystem):
             motion=self._motion_of(u, w, self._motion[1]),
             inputs=tuple(Signal(name) for name in self.inputs),
             unknown_inputs=tuple(Signal(name) for name in self.unknown),
-            channels=tuple(self._channel(name) for name in self.outputs),
+            channels=self._named_outputs.channels,
             u_of_outputs=u if self.inputs else None,
         )
 
