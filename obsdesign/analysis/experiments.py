@@ -153,30 +153,37 @@ class Experiments:
 
         n_eliminated: columns that come first and are not asked about (None: those of inputs and added states).
         """
-        row_indices = [i for i, k in enumerate(self.row_orders) if k <= order]
         n_eliminated = self.n_eliminated if n_eliminated is None else n_eliminated
+        rank = self._rank_up_to(order, n_eliminated, confirm=False, upper_bound=upper_bound)
+        if not upper_bound or not upper_bound.with_start:
+            return rank
+        bound = upper_bound.with_start
+        return replace(rank, with_start=self._rank_up_to(order, n_eliminated, with_start=True, confirm=False, upper_bound=bound))
 
-        def rows_up_to_order() -> list[list[arb]]:
-            """Return the rows of the derivatives up to an order."""
-            all_rows = self.rows()
-            return [all_rows[i] for i in row_indices]
+    def numerical_rank(self, order: int) -> Rank:
+        """Return the rank as far as it can be told from numbers: what is thin around 0 at many bits counts as 0."""
+        rank = self._rank_up_to(order, self.n_eliminated)
+        if not self.equations.known_at_start:
+            return rank
+        return replace(rank, with_start=self._rank_up_to(order, self.n_eliminated, with_start=True))
 
-        def rows_with_start() -> list[list[arb]]:
-            """Return these, and those of what is known at the start."""
-            return [*rows_up_to_order(), *self._start_rows()]
+    def _rank_up_to(
+        self, order: int, n_eliminated: int, *, with_start: bool = False, confirm: bool = True, upper_bound: RankBound | None = None
+    ) -> Rank:
+        """Return the rank of the rows of the derivatives up to an order; with_start: and of what is known at the start."""
+        indices = [i for i, k in enumerate(self.row_orders) if k <= order]
+        stages = [self.row_orders[i] for i in indices] + [order + 1] * (len(self.equations.known_at_start) if with_start else 0)
 
-        stages = [self.row_orders[i] for i in row_indices]
+        def rows() -> list[list[arb]]:
+            """Return the rows at the working precision."""
+            every = self.rows()
+            return [*(every[i] for i in indices), *(self._start_rows() if with_start else ())]
+
         n, precisions = self.n_columns - n_eliminated, self.point.precisions
         try:
-            rank = rank_of(rows_up_to_order, n, n_eliminated, stages, precisions=precisions, confirm=False, upper_bound=upper_bound)
-            if not upper_bound or not upper_bound.with_start:
-                return rank
-            stages += [order + 1] * len(self.equations.known_at_start)
-            bound = upper_bound.with_start
-            joint = rank_of(rows_with_start, n, n_eliminated, stages, precisions=precisions, confirm=False, upper_bound=bound)
-            return replace(rank, with_start=joint)
+            return rank_of(rows, n, n_eliminated, stages, confirm=confirm, precisions=precisions, upper_bound=upper_bound)
         except NoValueError as error:
-            _, order, output = self.row_labels[row_indices[error.row]]
+            _, order, output = self.row_labels[indices[error.row]]
             what = f"the gradient of derivative {order} of output {self.equations.output_names[output]!r}"
             raise NoValueError(error.row, f"{what} at {self.equations.describe(self.point)}") from None
 
@@ -184,26 +191,6 @@ class Experiments:
         """Return the unit rows of the states that are known at the start."""
         number, first = self.point.arithmetic.number, self.n_columns - self.equations.n_queried
         return [[number(int(j == first + i)) for j in range(self.n_columns)] for i in self.equations.known_at_start]
-
-    def numerical_rank(self, order: int) -> Rank:
-        """Return the rank as far as it can be told from numbers: what is thin around 0 at many bits counts as 0."""
-        rows = [i for i, k in enumerate(self.row_orders) if k <= order]
-
-        def rows_up_to_order() -> list[list[arb]]:
-            """Return the rows of the derivatives up to an order."""
-            every = self.rows()
-            return [every[i] for i in rows]
-
-        def rows_with_start() -> list[list[arb]]:
-            """Return these, and those of what is known at the start."""
-            return [*rows_up_to_order(), *self._start_rows()]
-
-        stages, n, known = [self.row_orders[i] for i in rows], self.n_columns - self.n_eliminated, self.equations.known_at_start
-        rank = rank_of(rows_up_to_order, n, self.n_eliminated, stages, precisions=self.point.precisions)
-        if not known:
-            return rank
-        stages += [order + 1] * len(known)
-        return replace(rank, with_start=rank_of(rows_with_start, n, self.n_eliminated, stages, precisions=self.point.precisions))
 
     def reaches(self, order: int, upper_bound: RankBound) -> bool:
         """Return whether the rows up to the order have the ranks that they have at most; upper_bound: bound(order, columns) elsewhere."""
