@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from obsdesign.common_subexpressions import without_repeats
 from obsdesign.errors import InputError
 
 
@@ -67,6 +68,16 @@ def instructions(function: ca.Function) -> tuple[Instruction, ...]:
         value = function.instruction_constant(k) if operation == ca.OP_CONST else 0.0
         steps.append(Instruction(operation, function.instruction_output(k)[-1], tuple(function.instruction_input(k)), value))
     return tuple(steps)
+
+
+Graph = tuple[ca.Sparsity, tuple[Instruction, ...]]
+"""The steps of an expression, and which of its entries they are for."""
+
+
+def graphs_of(symbols: Sequence[ca.SX], expressions: Mapping[str, ca.SX]) -> dict[str, Graph]:
+    """Return the graph of each expression of the symbols."""
+    functions = {name: ca.Function(name, list(symbols), without_repeats([value])) for name, value in expressions.items()}
+    return {name: (function.sparsity_out(0), instructions(function)) for name, function in functions.items()}
 
 
 def evaluate(steps: Iterable[Instruction], arguments: Sequence[Sequence[Any]], ring: Ring) -> list[Any]:

@@ -10,8 +10,7 @@ from typing import Any
 import casadi as ca
 from flint import arb_mat
 
-from obsdesign.common_subexpressions import without_repeats
-from obsdesign.rank.graph import Arithmetic, Instruction, evaluate, instructions
+from obsdesign.rank.graph import Arithmetic, Graph, Instruction, evaluate, graphs_of
 from obsdesign.rank.taylor import FlowArguments
 
 
@@ -30,7 +29,7 @@ class MapFlow:
     h: ca.SX
 
     @cached_property
-    def graphs(self) -> dict[str, tuple[ca.Sparsity, tuple[Instruction, ...]]]:
+    def graphs(self) -> dict[str, Graph]:
         """Instructions of the map, of A = dF/dx, U = dF/du, B = dF/dw and C = dh/dx, with the sparsity of each."""
         expressions = {
             "F": ca.densify(self.next_state),
@@ -39,10 +38,7 @@ class MapFlow:
             "B": ca.jacobian(self.next_state, self.w),
             "C": ca.jacobian(self.h, self.x),
         }
-        functions = {
-            name: ca.Function(name, [self.x, self.u, self.w, self.constants], without_repeats([e])) for name, e in expressions.items()
-        }
-        return {name: (function.sparsity_out(0), instructions(function)) for name, function in functions.items()}
+        return graphs_of([self.x, self.u, self.w, self.constants], expressions)
 
     @property
     def steps(self) -> tuple[Instruction, ...]:

@@ -14,8 +14,7 @@ import casadi as ca
 import flint
 from flint import arb_mat
 
-from obsdesign.common_subexpressions import without_repeats
-from obsdesign.rank.graph import Arithmetic, Instruction, evaluate, instructions
+from obsdesign.rank.graph import Arithmetic, Graph, Instruction, evaluate, graphs_of
 
 Series = list[Any]  # coefficients of t^0, t^1, ...
 
@@ -32,7 +31,7 @@ class Flow:
     h: ca.SX
 
     @cached_property
-    def graphs(self) -> dict[str, tuple[ca.Sparsity, tuple[Instruction, ...]]]:
+    def graphs(self) -> dict[str, Graph]:
         """Instructions of the rate, of A = d rate/dx, B = d rate/dw and C = dh/dx, each with its sparsity."""
         expressions = {
             "rate": ca.densify(self.rate),
@@ -40,10 +39,7 @@ class Flow:
             "B": ca.jacobian(self.rate, self.w),
             "C": ca.jacobian(self.h, self.x),
         }
-        functions = {
-            name: ca.Function(name, [self.x, self.u, self.w, self.constants], without_repeats([e])) for name, e in expressions.items()
-        }
-        return {name: (function.sparsity_out(0), instructions(function)) for name, function in functions.items()}
+        return graphs_of([self.x, self.u, self.w, self.constants], expressions)
 
     @property
     def steps(self) -> tuple[Instruction, ...]:
