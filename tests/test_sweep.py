@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import re
@@ -11,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -26,8 +28,10 @@ import obsdesign as od
 from obsdesign.cli import main
 from obsdesign.report.sweep_figures.small_multiples import Panel
 from obsdesign.report.to_document import document_of
+from obsdesign.sweeps.execution import LostWorkersError
 from obsdesign.sweeps.headline import headline
 from obsdesign.sweeps.page import best_of_both, competing, sweep_page, write_sweep
+from obsdesign.sweeps.run_file import compute, read_answer, task_of, write_answer
 from obsdesign.sweeps.variation import combinations_of, varied_data
 
 YARD = """
@@ -54,6 +58,7 @@ bounds = {turn_rate = [-0.5, 0.5], speed = [0.2, 1.0]}
 constraints = [{kind = "goal", point = [3.0, 1.0], tolerance = 1.5}]
 """
 )
+LINES = ("a\rb", 'a\nb,"c"', "a\r\nb", "")
 VARY = {"sensors.gps.sigma": [0.5, 1.0], "seed": range(2)}
 
 
@@ -98,6 +103,14 @@ def test_keys_lead_to_sensors_by_name_to_tables_that_are_left_out_and_to_degrees
     assert [sensor["kind"] for sensor in varied_data(yard, (("sensors", ["magnetometer"]),))["sensors"]] == ["magnetometer"]
 
 
+def test_a_key_finds_its_own_sensor_whichever_of_them_stay(tmp_path: Path):
+    three = YARD.replace('{kind = "magnetometer"', '{kind = "range", beacon = [9.0, 9.0], sigma = 1.0}, {kind = "magnetometer"')
+    subset, value = ("sensors", ["range", "magnetometer"]), ("sensors.range.sigma", 7.0)
+    for values in ((subset, value), (value, subset)):
+        sensors = varied_data(scenario_of(tmp_path, three), values)["sensors"]
+        assert sensors == [{"kind": "range", "beacon": [9.0, 9.0], "sigma": 7.0}, {"kind": "magnetometer", "sigma_deg": 10.0}]
+
+
 def test_numbers_of_numpy_are_numbers():
     assert combinations_of({"a": np.array([1.0, 2.0]), "b": (np.int64(3),)}) == ((("a", 1.0), ("b", 3)), (("a", 2.0), ("b", 3)))
 
@@ -112,6 +125,11 @@ REFUSED = {
     "an unknown key": ({"sensors.gps.sigm": [1.0]}, r"with sensors.gps.sigm = 1.0: .*unknown key; did you mean 'sigma'"),
     "a value that is refused": ({"seed": [0], "sensors.gps.sigma": [1.0, -1.0]}, r"with seed = 0, sensors.gps.sigma = -1.0: .*above 0"),
     "beyond a number": ({"time.step.x": [1.0]}, r"vary\['time.step.x'\]: time.step is 1.0, which has no keys"),
+    "two keys of one sensor": ({"sensors.gps.sigma": [1.0], "sensors.0.sigma": [2.0]}, "vary has .* which lead to one place"),
+    "an angle twice": ({"start.heading": [0.1], "start.heading_deg": [5.0]}, "'start.heading' and 'start.heading_deg', which lead to one"),
+    "a table and a key in it": ({"start.x": [1.0], "start": [{"x": 0.0}]}, "vary has 'start.x' and 'start', which lead to one place"),
+    "what nothing depends on": ({"expected": [[]]}, r"vary\['expected'\]: must be a key that changes what is computed"),
+    "sensors that are no names": ({"sensors": [[0]]}, r"vary\['sensors'\] has \[0\]: must be lists of the sensors that stay, of gps, magn"),
     "a sensor that is none": ({"sensors": [["gps", "sonar"]]}, r"vary\['sensors'\] has no 'sonar'"),
 }
 
@@ -140,6 +158,56 @@ def test_what_has_its_file_is_not_run_again_and_what_has_none_is(yard: od.Scenar
     assert {file: file.stat().st_mtime_ns for file in finished} == before
     named = {run.name: run.numbers for run in second.runs}
     assert all(named[run.name] == run.numbers for run in first.runs)
+
+
+def test_files_of_something_else_are_not_taken_for_answers(yard: od.Scenario, tmp_path: Path):
+    task = task_of(varied_data(yard, (("seed", 0),)), yard.file)
+    write_answer(tmp_path, task.name, compute(task))
+    file = tmp_path / "runs" / f"{task.name}.json"
+    good = json.loads(file.read_text())
+
+    def is_taken(other: object) -> bool:
+        file.write_text(json.dumps(other))
+        return read_answer(tmp_path, task) is not None
+
+    bad = ({"error": 5, "result": None}, {"result": None}, {"result": {}}, {"result": []}, {"scenario": {}}, {"name": "x"}, {"error": "no"})
+    assert is_taken(good)
+    assert is_taken({**good, "error": "no", "result": None})
+    assert not any(is_taken({**good, **other}) for other in bad)
+    assert not any(is_taken(other) for other in ([1], "x", None, {}))
+
+
+class EndingExecutor(Executor):
+    """Finishes some calls, then all others are lost, and no more are taken."""
+
+    def __init__(self, finishes: int, takes: int) -> None:
+        self.finishes, self.takes, self.calls = finishes, takes, 0
+
+    def submit(self, fn, /, *args, **kwargs):  # as the base has it
+        self.calls += 1
+        if self.calls > self.takes:
+            raise RuntimeError("cannot schedule new futures after shutdown")
+        future = Future()
+        if self.calls > self.takes - self.finishes:
+            future.set_result(fn(*args, **kwargs))
+        else:
+            future.set_exception(BrokenExecutor("terminated abruptly"))
+        return future
+
+
+@pytest.mark.parametrize(("finishes", "takes"), [(2, 6), (2, 4), (0, 0)])
+def test_what_is_finished_when_an_executor_ends_is_kept(finishes: int, takes: int, yard: od.Scenario, tmp_path: Path):
+    with pytest.raises(LostWorkersError, match=r"the executor ended: .*; finished runs are kept where they have files"):
+        od.sweep(yard, {"seed": range(6)}, executor=EndingExecutor(finishes, takes), out=tmp_path / "out")
+    assert len(contents(tmp_path / "out")) == finishes
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_run(yard: od.Scenario, tmp_path: Path):
+    (tmp_path / "runs").write_text("no folder")
+    told: list[str] = []
+    with pytest.raises(od.InputError, match="runs: cannot be written"):
+        od.sweep(yard, {"seed": range(6)}, out=tmp_path, progress=told.append)
+    assert len(told) == 1
 
 
 def test_a_run_that_fails_is_recorded_with_its_error_and_the_others_go_on(tmp_path: Path):
@@ -204,6 +272,9 @@ def test_the_table_has_what_was_varied_and_what_came_out(yard: od.Scenario):
         assert (rows[i]["run"], float(rows[i]["sensors.gps.sigma"]), int(rows[i]["seed"])) == (run.name, *run.varied.values())
         assert float(rows[i]["selection.value"]) == run.numbers["selection.value"] == frame["selection.value"].iloc[i]
     assert str(done).startswith("sweep of 4 runs: Rover <in> a yard\n  sensors.gps.sigma  0.5, 1.0\n")
+    named = replace(done, runs=tuple(replace(run, error=text) for run, text in zip(done.runs, LINES, strict=True)))
+    read = list(csv.DictReader(io.StringIO(named.to_csv(), newline="")))
+    assert [row["error"] for row in read] == list(LINES)
     with pytest.raises(od.InputError, match=r"no 'selection\.valu'; did you mean 'selection\.value'"):
         done.column("selection.valu")
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from obsdesign.arguments import validate_arguments
 from obsdesign.errors import InputError, ObsdesignError, ScenarioError
+from obsdesign.files import write_files
 from obsdesign.progress import Progress, StageReport
 from obsdesign.scenario.loading import scenario_from_data
 from obsdesign.scenario.schema import Scenario
@@ -49,8 +50,8 @@ def sweep(
         executor: any concurrent.futures.Executor; each run gets one call, None = one after the other here.
         out: folder for the files; None = kept in memory alone.
         progress: is called with how far it is; None = nobody is told.
-    Raises InputError for a scenario that was not read from a file, a key that leads nowhere, and values that the scenario does not accept
-    (before any run); LostWorkersError where the executor's processes end.
+    Raises, before any run, InputError for a scenario that was not read from a file, a key that leads nowhere, two that lead to one place,
+    values that the scenario does not accept, and a folder that cannot be written; LostWorkersError where the executor ends.
     """
     combinations = combinations_of(vary)
     tasks = _tasks_of(scenario, combinations)
@@ -60,6 +61,8 @@ def sweep(
     missing = [task for name, task in {task.name: task for task in tasks}.items() if name not in answers]
     total = len(missing)
     report(f"{total} of {len(tasks)} runs to do" + (f", the others are in {folder}" if len(answers) else ""))
+    if folder is not None and missing:
+        write_files(folder / FOLDER, {})  # a folder that cannot be written is refused before any run
     for done, (task, answer, is_final) in enumerate(_compute_all(missing, executor), 1):
         if folder is not None and is_final:
             write_answer(folder, task.name, answer)
@@ -90,7 +93,7 @@ def _answers_on_file(folder: Path | None, tasks: Sequence[Task]) -> dict[str, tu
     """Return numbers and errors of the runs that have their files."""
     if folder is None or not (folder / FOLDER).is_dir():
         return {}
-    found = ((task.name, read_answer(folder, task.name)) for task in tasks)
+    found = ((task.name, read_answer(folder, task)) for task in tasks)
     return {name: _run_of(answer) for name, answer in found if answer is not None}
 
 
@@ -111,15 +114,29 @@ def _compute_all(tasks: Sequence[Task], executor: Executor | None) -> Iterator[t
         while True:
             # a few at a time: memory stays bounded whatever the number of runs
             for task in islice(waiting, _AHEAD - len(pending)):
-                pending[executor.submit(compute, task)] = task
+                pending[_call(executor, task)] = task
             if not pending:
                 return
             finished, _ = wait(pending, return_when=FIRST_COMPLETED)
-            for future in finished:
+            for future in sorted(finished, key=_is_lost):  # what is finished is kept before the end of the executor is told
                 yield pending.pop(future), *_answer_of(future)
     finally:
         for future in pending:
             future.cancel()
+
+
+def _call(executor: Executor, task: Task) -> Future[RunAnswer]:
+    """Return the call of a task, one that failed where the executor takes no more."""
+    try:
+        return executor.submit(compute, task)
+    except RuntimeError as error:  # of which BrokenExecutor is one
+        refused: Future[RunAnswer] = Future()
+        refused.set_exception(BrokenExecutor(str(error)))
+        return refused
+
+
+def _is_lost(future: Future[RunAnswer]) -> bool:
+    return not future.cancelled() and isinstance(future.exception(), BrokenExecutor)
 
 
 def _answer_of(future: Future[RunAnswer]) -> tuple[RunAnswer, bool]:
@@ -127,7 +144,7 @@ def _answer_of(future: Future[RunAnswer]) -> tuple[RunAnswer, bool]:
     try:
         return future.result(), True
     except BrokenExecutor as error:
-        raise LostWorkersError(f"a process ended: {error}; finished runs are kept where they have files: start again to go on") from None
+        raise LostWorkersError(f"the executor ended: {error}; finished runs are kept where they have files: start again to go on") from None
     except Exception as error:  # noqa: BLE001  # of somebody else's executor: a worker that was killed too often, say
         return _lost(error), False
 

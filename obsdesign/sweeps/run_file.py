@@ -16,6 +16,7 @@ from obsdesign.report.document import SCHEMA_VERSION
 from obsdesign.report.to_document import document_of
 from obsdesign.scenario.loading import scenario_from_data
 from obsdesign.study.runner import run
+from obsdesign.sweeps.headline import headline
 
 FOLDER = "runs"  # of the files, in that of the sweep
 
@@ -64,10 +65,24 @@ def write_answer(folder: Path, name: str, answer: RunAnswer) -> None:
     write_files(folder / FOLDER, {f"{name}.json": answer.text})
 
 
-def read_answer(folder: Path, name: str) -> RunAnswer | None:
-    """Return the answer of a run that has its file, None where it has none, or one of something else."""
+def read_answer(folder: Path, task: Task) -> RunAnswer | None:
+    """Return the answer of a task that has its file, None where it has none, or one of something else."""
     try:
-        answer = RunAnswer((folder / FOLDER / f"{name}.json").read_text(encoding="utf-8"))
-        return answer if answer.data["name"] == name else None
-    except (OSError, ValueError, KeyError, TypeError):
+        answer = RunAnswer((folder / FOLDER / f"{task.name}.json").read_text(encoding="utf-8"))
+        data = answer.data
+    except (OSError, ValueError, RecursionError):
         return None
+    return answer if _is_of(data, task) else None
+
+
+def _is_of(data: Any, task: Task) -> bool:  # noqa: ANN401  # whatever stands in a file
+    """Whether that is the answer of a task: an error in words, or a result with every number of a table of runs."""
+    if not isinstance(data, dict) or data.get("name") != task.name or data.get("scenario") != json.loads(task.data):
+        return False
+    if isinstance(data.get("error"), str):
+        return data.get("result", "") is None
+    try:
+        headline(data["result"])
+        return data["error"] is None
+    except (KeyError, TypeError, AttributeError, ValueError):
+        return False

@@ -79,12 +79,9 @@ class Sweep(AbstractDisplay):
 
     def to_csv(self) -> str:
         """Return the same table as CSV; what is no number, no text and no truth value is written as Python would."""
-        table = io.StringIO(newline="")
-        writer = csv.writer(table, lineterminator="\n")
         head = (*self.keys, *self.numbers, "error")
-        writer.writerow(["run", *head])
-        writer.writerows([run.name, *(_cell(_entry(run, key)) for key in head)] for run in self.runs)
-        return table.getvalue()
+        rows = ([run.name, *(_cell(_entry(run, key)) for key in head)] for run in self.runs)
+        return "".join(map(_line, (["run", *head], *rows)))
 
     def _summary(self) -> Summary:
         varied = [(key, _span([run.varied[key] for run in self.runs])) for key in self.keys]
@@ -95,6 +92,13 @@ class Sweep(AbstractDisplay):
 
 def _entry(run: SweepRun, key: str) -> Any:  # noqa: ANN401  # whatever was varied
     return run.error if key == "error" else run.varied.get(key, run.numbers.get(key))
+
+
+def _line(cells: Sequence[Any]) -> str:
+    """Return one line of CSV, texts with any end of a line in quotes: those of the line's own end alone would be quoted."""
+    line = io.StringIO(newline="")
+    csv.writer(line, lineterminator="\r\n").writerow(cells)
+    return line.getvalue().removesuffix("\r\n") + "\n"
 
 
 def _cell(entry: Any) -> Any:  # noqa: ANN401

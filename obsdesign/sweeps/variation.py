@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 from obsdesign.checks import require_known
@@ -15,6 +15,7 @@ from obsdesign.scenario.schema import Scenario
 
 SENSORS = "sensors"  # the key whose values are subsets, named by their sensors
 _OF_THE_FILE = ("sweep", "expected")  # keys that say nothing of what a run computes
+_PlaceInData = tuple[str | int, ...]  # keys and places from the outermost table on
 Values = tuple[tuple[str, Any], ...]  # what one run varies: key and value, in the order of the keys
 
 
@@ -41,15 +42,14 @@ def varied_data(scenario: Scenario, values: Values) -> dict[str, Any]:
 
     A key is a path of names joined by dots; an entry of a list bears its sensor's name, its `name`, its `kind` where no other has it, or
     its place from 0. `sensors` alone takes names of those that stay. A number takes the place of one in degrees, and the other way.
-    Raises InputError for a path that leads nowhere.
+    Which sensors stay is asked last, so that every key finds its own. Raises InputError for a path that leads nowhere, and for two that
+    lead to one place.
     """
     data = {key: value for key, value in tomllib.loads(scenario.source).items() if key not in _OF_THE_FILE}
     names = _entry_names(scenario, data)
-    for key, value in values:
-        if key == SENSORS:
-            data[SENSORS] = _subset(value, data.get(SENSORS, []), names)
-        else:
-            _set(data, key, value, names)
+    _require_different_places({key: _set(data, key, value, names) for key, value in values if key != SENSORS})
+    for _, wanted in (entry for entry in values if entry[0] == SENSORS):
+        data[SENSORS] = _subset(wanted, data.get(SENSORS, []), names)
     return data
 
 
@@ -77,34 +77,43 @@ def _entry_names(scenario: Scenario, data: Mapping[str, Any]) -> list[str]:
 
 def _subset(wanted: Any, sensors: Sequence[Any], names: Sequence[str]) -> list[Any]:  # noqa: ANN401  # whatever a caller gave
     """Return the entries of [[sensors]] that are named."""
-    if not isinstance(wanted, list) or not wanted:
+    if not isinstance(wanted, list) or not wanted or not all(isinstance(name, str) for name in wanted):
         raise InputError(f"vary['{SENSORS}'] has {wanted!r}: must be lists of the sensors that stay, of {', '.join(names)}")
     require_known(f"vary['{SENSORS}']", wanted, names)
     return [sensor for sensor, name in zip(sensors, names, strict=True) if name in wanted]
 
 
-def _set(data: dict[str, Any], key: str, value: Any, names: Sequence[str]) -> None:  # noqa: ANN401
-    """Set the value under a dotted key, in place."""
-    *path, last = key.split(".")
-    table: Any = data
+def _require_different_places(places: Mapping[str, _PlaceInData]) -> None:
+    """Refuse keys of which one would undo, or change, what another one says."""
+    for (key, place), (other, its_place) in combinations(places.items(), 2):
+        shared = min(len(place), len(its_place))
+        if place[:shared] == its_place[:shared]:
+            raise InputError(f"vary has {key!r} and {other!r}, which lead to one place: must be keys of which none holds another one")
+
+
+def _set(data: dict[str, Any], key: str, value: Any, names: Sequence[str]) -> _PlaceInData:  # noqa: ANN401
+    """Set the value under a dotted key, in place; return where that is, a number in degrees where the number itself is."""
+    *path, last = parts = key.split(".")
+    if parts[0] in _OF_THE_FILE:
+        raise InputError(f"vary[{key!r}]: must be a key that changes what is computed")
+    table, place = data, []
     for depth, part in enumerate(path):
-        table = _entry(table, part, key, names if path[:depth] == [SENSORS] else ())
-    if isinstance(table, list):
-        table[_place(table, last, key, names if path == [SENSORS] else ())] = value
-    elif isinstance(table, dict):
+        place.append(_key_in(table, part, key, depth, names if path[:depth] == [SENSORS] else ()))
+        table = table.setdefault(part, {}) if isinstance(table, dict) else table[place[-1]]
+    end = _key_in(table, last, key, len(path), names if path == [SENSORS] else ())
+    if isinstance(table, dict):
         table.pop(last.removesuffix(SUFFIX) if last.endswith(SUFFIX) else last + SUFFIX, None)
-        table[last] = value
-    else:
-        raise InputError(f"vary[{key!r}]: {'.'.join(path)} is {table!r}, which has no keys")
+    table[end] = value
+    return (*place, end.removesuffix(SUFFIX) if isinstance(end, str) else end)
 
 
-def _entry(table: Any, part: str, key: str, names: Sequence[str]) -> Any:  # noqa: ANN401
-    """Return what stands under one part of a key; a table that the file leaves out begins empty."""
+def _key_in(table: Any, part: str, key: str, depth: int, names: Sequence[str]) -> Any:  # noqa: ANN401
+    """Return under what a table, or a list, has one part of a key, the one at a depth."""
     if isinstance(table, list):
-        return table[_place(table, part, key, names)]
+        return _place(table, part, key, names)
     if not isinstance(table, dict):
-        raise InputError(f"vary[{key!r}]: {table!r} stands before {part!r}, which has no keys")
-    return table.setdefault(part, {})
+        raise InputError(f"vary[{key!r}]: {'.'.join(key.split('.')[:depth])} is {table!r}, which has no keys")
+    return part
 
 
 def _place(entries: Sequence[Any], part: str, key: str, names: Sequence[str]) -> int:
