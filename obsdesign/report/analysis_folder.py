@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from rich.console import Group
@@ -10,6 +9,7 @@ from rich.console import Group
 from obsdesign.files import write_files
 from obsdesign.report.analysis_document import AnalysisDocument
 from obsdesign.report.analysis_page import analysis_page
+from obsdesign.report.document_parts import as_json
 from obsdesign.report.sections.observability import subsets_table
 from obsdesign.report.terminal import render
 from obsdesign.study.analysis_study import AnalysisStudy, cases_apart
@@ -19,8 +19,7 @@ FILES = ("analysis.html", "analysis.json")
 
 def write_analysis(folder: Path, study: AnalysisStudy, document: AnalysisDocument) -> None:
     """Write the page and the JSON: both or none. Raises InputError for a folder that cannot be written."""
-    text = json.dumps(document.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
-    write_files(folder, dict(zip(FILES, (analysis_page(study), text), strict=True)))
+    write_files(folder, dict(zip(FILES, (analysis_page(study), as_json(document)), strict=True)))
 
 
 def analysis_summary(study: AnalysisStudy) -> Group:

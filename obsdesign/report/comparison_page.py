@@ -25,7 +25,8 @@ def comparison_page(comparison: Comparison, studies: tuple[Study, Study], names:
         Section("numbers", "What came out?", "", (), (numbers_table(comparison, names),), comparison.notes),
         Section("pictures", "How do they look?", f"First {names[0]}, then {names[1]}.", _pictures(studies, names), ()),
     )
-    return environment().get_template("comparison.html.j2").render(names=names, answer=answer, parts=parts)
+    title, question = " and ".join(names), "Two results of obsdesign beside each other."
+    return environment().get_template("base.html.j2").render(title=title, question=question, answer=answer, headline=(), parts=parts)
 
 
 def _pictures(studies: tuple[Study, Study], names: tuple[str, str]) -> tuple[Picture, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import Annotated, Any, Literal
 
@@ -20,6 +21,11 @@ class DocumentPart(BaseModel):
     """What all parts share: frozen, and nothing in them that the schema does not name."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def as_json(document: DocumentPart) -> str:
+    """Return a document as text: numbers at full precision, the same order every time."""
+    return json.dumps(document.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
 
 
 class ScenarioPart(DocumentPart):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -14,6 +13,7 @@ from obsdesign.exchange.trajectory_csv import trajectory_csv
 from obsdesign.files import write_files
 from obsdesign.report.derived_quantities import segment_nodes
 from obsdesign.report.document import SCHEMA_VERSION, Result
+from obsdesign.report.document_parts import as_json
 from obsdesign.report.html import page_of
 from obsdesign.report.study_record import study_of
 from obsdesign.report.to_document import document_of
@@ -73,8 +73,3 @@ def read_result(file: Path) -> Result:
 def write_page(folder: Path, result: Result, study: Study) -> None:
     """Write report.html of an earlier run again."""
     write_files(folder, {"report.html": page_of(study, result.versions)})
-
-
-def as_json(result: Result) -> str:
-    """Return the document as text: numbers at full precision, the same order every time."""
-    return json.dumps(result.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"

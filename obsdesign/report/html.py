@@ -24,13 +24,15 @@ def page_of(study: Study, made_with: Mapping[str, str] | None = None) -> str:
         environment()
         .get_template("page.html.j2")
         .render(
-            scenario=study.scenario,
+            title=study.scenario.title,
+            question=study.scenario.question,
             answer=summary.answer(study),
             headline=summary.headline(study),
             parts=_number_questions(_sections(study)),
             command=_command(study),
             versions=versions() if made_with is None else made_with,
             file=Path(study.scenario.file).name,
+            digest=study.scenario.digest,
             seed=study.seed,
             glossary=glossary(study),
         )

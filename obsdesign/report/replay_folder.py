@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from obsdesign.exchange.schedule_csv import schedule_csv
 from obsdesign.files import write_files
+from obsdesign.report.document_parts import as_json
 from obsdesign.report.replay_document import LogSchedulePart, ReplayDocument
 from obsdesign.report.replay_page import replay_page
 from obsdesign.study.log_study import LogStudy
@@ -17,7 +17,7 @@ def write_replay(folder: Path, study: LogStudy, document: ReplayDocument) -> Non
 
     Raises InputError for a folder that cannot be written.
     """
-    write_files(folder, {"report.html": replay_page(study), "replay.json": _as_json(document)})
+    write_files(folder, {"report.html": replay_page(study), "replay.json": as_json(document)})
 
 
 def write_log_schedule(folder: Path, study: LogStudy, part: LogSchedulePart | None) -> None:
@@ -26,8 +26,4 @@ def write_log_schedule(folder: Path, study: LogStudy, part: LogSchedulePart | No
     if schedule is None or part is None:
         return
     table = schedule_csv(schedule.chosen, schedule.sensors, schedule.boundaries)
-    write_files(folder, {"schedule.csv": table, "schedule.json": _as_json(part)})
-
-
-def _as_json(document: ReplayDocument | LogSchedulePart) -> str:
-    return json.dumps(document.model_dump(mode="json"), indent=1, allow_nan=False) + "\n"
+    write_files(folder, {"schedule.csv": table, "schedule.json": as_json(part)})

@@ -19,6 +19,7 @@ def replay_page(study: LogStudy) -> str:
         .get_template("replay.html.j2")
         .render(
             title=study.setup.title,
+            question="What does the log say?",
             answer=_answer(study),
             headline=_headline(study),
             parts=_sections(study),

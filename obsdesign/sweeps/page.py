@@ -38,7 +38,8 @@ def sweep_page(scenario: Scenario, sweep: Sweep) -> str:
     panels = main_panels(scenario, sweep)
     parts = (*_pictures(sweep, panels), _runs_section(sweep, panels))
     template = environment().get_template("sweep.html.j2")
-    return template.render(title=scenario.title, question=scenario.question, answer=_answer(sweep), parts=parts, versions=versions())
+    question, answer = scenario.question, _answer(sweep)
+    return template.render(title=scenario.title, question=question, answer=answer, headline=(), parts=parts, versions=versions())
 
 
 def main_panels(scenario: Scenario, sweep: Sweep) -> dict[str, Panel]:
