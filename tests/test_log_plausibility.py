@@ -1,5 +1,7 @@
 """What a log gets wrong: units, clocks, sizes, codes for no answer. Each is named; and honest drives of any kind are not refused."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -207,3 +209,17 @@ def test_a_log_begins_where_the_truth_is_then(tmp_path):
     after = setup(tmp_path, [(row[0] + 1000, *row[1:]) if row[1].startswith("truth") else row for row in rows])
     with pytest.raises(od.InputError, match="start: missing key 'x': the log holds no truth of it there"):
         after.prior  # noqa: B018
+
+
+def test_the_distance_between_robots_is_not_below_zero(tmp_path):
+    system = od.System(od.TwoRobots("known"), (od.PeerRange(sigma=0.1),))
+    inputs = [signal.name for signal in system.model.inputs]
+    for value, is_refused in ((3.0, False), (-0.2, False), (-3.0, True)):  # -0.2: noise
+        rows = [",".join(map(str, (t, *(0.1 for _ in inputs), value))) for t in range(4)]
+        (tmp_path / "pair.csv").write_text("\n".join([",".join(("t", *inputs, "peer_range")), *rows]))
+        with (
+            pytest.raises(od.InputError, match="'peer_range': -3 at t = 0 s: what it measures is not below 0")
+            if is_refused
+            else nullcontext()
+        ):
+            od.read_log(tmp_path / "pair.csv", system)

@@ -16,6 +16,7 @@ from obsdesign.logs.log import Log
 from obsdesign.logs.true_motion import FEWEST, is_near, motion_ratios, require_seconds, require_true_degrees, require_true_metres
 from obsdesign.sensors.abstract import AbstractSensor
 from obsdesign.sensors.airspeed import Airspeed
+from obsdesign.sensors.peer_range import PeerRange
 from obsdesign.sensors.range import Range
 from obsdesign.sensors.range_bearing import RangeBearing
 from obsdesign.sensors.speed_over_ground import SpeedOverGround
@@ -24,7 +25,7 @@ from obsdesign.signals import Signal
 _FACTORS = {"thousandths or thousands": 1000.0, "degrees": 180 / np.pi}
 _MAX_ANGLE = 7.0  # no angle that wraps is larger [rad]
 _FAR = 4.0  # how many times nearer values are in the unit that is meant
-_LENGTHS = (Range, RangeBearing, Airspeed, SpeedOverGround)  # sensors whose first output is not negative
+_LENGTHS = (Range, RangeBearing, PeerRange, Airspeed, SpeedOverGround)  # sensors whose first output is not negative
 _BELOW = 4.0  # standard deviations below 0 that noise does not reach
 _USUAL, _FASTEST = 0.9, 1e4  # share of an input's readings; SI units, and as many times what is usual, that no input reaches
 _NOISE = 5.0  # standard deviations within which readings are as they should be
