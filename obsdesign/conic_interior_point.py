@@ -19,16 +19,12 @@ _FUNCTIONS = (("blas", "dsyrk"), ("blas", "dgemm"), ("blas", "dgemv"), ("lapack"
 
 def native_entry(text: str, entry: str) -> Any:  # noqa: ANN401  # a C function, or None
     """Return a function of C that stands in a text which uses this method, and follows it in one source; None without machine code."""
-    return None if native_code.compile_policy() == "never" else _load(text, entry)
+    return None if linear_algebra() is None else native_code.entry_of(_source(text), entry)
 
 
 @cache
-def _load(text: str, entry: str) -> Any:  # noqa: ANN401  # a C function, or None
-    if linear_algebra() is None:
-        return None
-    method = Path(__file__).with_suffix(".c").read_text(encoding="utf-8")
-    loaded = native_code.load(f"{method}\n{text}", entry, 0)
-    return None if loaded is None else loaded.entry
+def _source(text: str) -> str:
+    return f"{Path(__file__).with_suffix('.c').read_text(encoding='utf-8')}\n{text}"
 
 
 @cache

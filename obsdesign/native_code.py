@@ -91,8 +91,18 @@ def source_of(function: ca.Function, driver: str) -> str:
     return f"{generator.dump()}\n{driver}\n"
 
 
+def entry_of(source: str, name: str) -> Any:  # noqa: ANN401  # a C function, or None
+    """Return a function of a text of C that stands beside a module; None without a compiler, or where none is wanted."""
+    return None if compile_policy() == "never" else _native_text(source, name).entry
+
+
+@cache
+def _native_text(source: str, name: str) -> NativeFunction:
+    return load(source, name, 0) or NativeFunction(None, "")
+
+
 def load(source: str, entry: str, operations: int, *, only_cached: bool = False) -> NativeFunction | None:
-    """Return the entry of a source as machine code, from the cache folder or newly compiled; None if only_kept and not there.
+    """Return the entry of a source as machine code, from the cache folder or newly compiled; None if only_cached and not there.
 
     operations: how long the source is. Never raises: what went wrong is the reason. Two processes may do this at once: each
     writes a file of its own and renames it.

@@ -40,7 +40,7 @@ def propagate_sensitivity(linearisation: Linearisation, initial: np.ndarray, M: 
     runs, steps, c, _ = linearisation.A.shape
     G = np.zeros((runs, steps + 1, c, initial.shape[-1]))
     G[:, 0] = initial
-    entry = None if native_code.compile_policy() == "never" else _entry()
+    entry = native_code.entry_of(_text(), _ENTRY)
     if entry is None:
         return PathSensitivity(G, _walk_by_matrices(linearisation, G, M))
     return PathSensitivity(G, _walk_compiled(entry, linearisation, G, M))
@@ -70,6 +70,5 @@ def _walk_by_matrices(linearisation: Linearisation, G: np.ndarray, M: np.ndarray
 
 
 @cache
-def _entry() -> Any:  # noqa: ANN401  # a C function, or None
-    compiled = native_code.load(Path(__file__).with_suffix(".c").read_text(encoding="utf-8"), _ENTRY, 0)
-    return None if compiled is None else compiled.entry
+def _text() -> str:
+    return Path(__file__).with_suffix(".c").read_text(encoding="utf-8")

@@ -10,9 +10,7 @@ from obsdesign.design.path_bound.arcs import Arcs
 from obsdesign.design.path_bound.motion import AllowedMotion
 
 _WIDEST_TURN = 2.331122370414423  # [rad]: where (1 - cos s) / s is largest, tan(s / 2) = s
-_LEAST_RADIUS = (
-    1e-5  # of the longest way: a smaller disc is raised to it, which only adds paths; next to 0 its multiplier grows beyond digits
-)
+_LEAST_RADIUS = 1e-5  # of the longest way: smaller discs are raised to it, which only adds paths; next to 0 multipliers outgrow digits
 _ROOM = 1 + 1e-12  # what rounding of a limit's few products may take off
 
 

@@ -26,7 +26,8 @@ def minimise(qp: ConicQP, tolerance: float) -> ConicSolution | None:
 
     By `minimise_densely`; where there is no machine code, or it does not come that near, by Clarabel: first without what Clarabel does
     for badly scaled problems, which takes half of its time; with it where that fails; and without any scaling where that fails too:
-    with many cones beside bounds that are next to 0 it is the scaling that stops Clarabel at once.
+    with many cones beside bounds that are next to 0 it is the scaling that stops Clarabel at once. Where numbers are many decades apart
+    Clarabel calls solved what is not: its answer is a claim, whose value has to be recomputed.
     """
     solution = minimise_densely(qp, tolerance)
     if solution is not None:
