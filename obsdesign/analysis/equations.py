@@ -159,7 +159,8 @@ class Equations:
 
     def with_all_inputs_known(self) -> Equations:
         """Return the equations as they are for somebody who knows the unknown inputs."""
-        return replace(self, known_fields=(*self.known_fields, *self.unknown_fields), unknown_fields=())
+        step_map = self.step_map and replace(self.step_map, u=ca.vertcat(self.step_map.u, self.step_map.w), w=ca.SX(0, 1))
+        return replace(self, known_fields=(*self.known_fields, *self.unknown_fields), unknown_fields=(), step_map=step_map)
 
     def with_inputs(self, known_indices: Sequence[int], unknown_indices: Sequence[int]) -> Equations:
         """Return the equations with some of the inputs alone, by index."""

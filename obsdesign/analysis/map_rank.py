@@ -12,8 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count as count_up
 
-import casadi as ca
-
 from obsdesign.analysis.engine_result import EngineResult, cut_after_growth, precision_text, zero_test_text
 from obsdesign.analysis.equations import Equations
 from obsdesign.analysis.evaluation_point import EvaluationPoint, SamplingRegion, random_residues
@@ -137,20 +135,13 @@ def _cap(equations: Equations, smooth: bool, seed: int, point: EvaluationPoint |
     if growth.has_ended or not (equations.unknown_fields or point):
         return None
     caps: list[_Cap] = []
-    all_known = with_inputs_of_map_known(equations) if equations.unknown_fields else equations
+    all_known = equations.with_all_inputs_known()
     inputs = "if the inputs are known" if equations.unknown_fields else ""
     if inputs and (there := _growth(all_known, smooth, seed, point)).has_ended:
         caps.append(_Cap(there.dimension, f"it is as much {inputs}"))
     if point and (nearby := _growth(all_known, smooth, seed, None)).has_ended:
         caps.append(_Cap(nearby.dimension, f"the generic rank is the same {inputs}".strip()))
     return min(caps, key=lambda cap: cap.dimension, default=None)
-
-
-def with_inputs_of_map_known(equations: Equations) -> Equations:
-    """Return the equations of a map as they are for somebody who knows the unknown inputs."""
-    flow = equations.map_flow
-    all_known = replace(flow, u=ca.vertcat(flow.u, flow.w), w=ca.SX(0, 1))
-    return replace(equations.with_all_inputs_known(), step_map=all_known)
 
 
 def _growth(equations: Equations, smooth: bool, seed: int, point: EvaluationPoint | None) -> MapGrowth:

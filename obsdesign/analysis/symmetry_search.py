@@ -120,8 +120,9 @@ def without_pivots(field: AffineField, translations: Sequence[AffineField]) -> A
         for pivot in pivots:
             multiples = {-matrix[i, pivot] / weight for i, weight in weights.items() if (i, pivot) in matrix}
             if len(multiples) == 1:
+                (multiple,) = multiples
                 for i, weight in weights.items():
-                    terms[i, pivot] = terms.get((i, pivot), Fraction(0)) + multiples.copy().pop() * weight
+                    terms[i, pivot] = terms.get((i, pivot), Fraction(0)) + multiple * weight
     shifted = AffineField(field.n, tuple((i, j, value) for (i, j), value in terms.items() if value))
     is_free = len(matrix) == len(field.terms) and not any(j in pivots for i, j, _ in shifted.terms if i not in pivots)
     return shifted if is_free else field

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from obsdesign.dynamics.channel import Channel
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.motion import AbstractMotion, AffineMotion, moved_with
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from obsdesign.calculus import lie_derivative
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.step import CACHE_SIZE
 
@@ -54,9 +55,9 @@ def _jet_function(model: Model, orders: int) -> ca.Function:
     jets = [model.w, *(ca.SX.sym(f"w{k}", p) for k in range(1, orders + 1))]
     coefficients = [model.h]
     for k in range(1, orders + 1):
-        derivative = ca.jtimes(coefficients[-1], model.x, model.rate)
+        derivative = lie_derivative(coefficients[-1], model.x, model.rate)
         for jet, rate in pairwise(jets[: k + 1]) if p else ():
-            derivative += ca.jtimes(coefficients[-1], jet, rate)
+            derivative += lie_derivative(coefficients[-1], jet, rate)
         coefficients.append(derivative / k)
     arguments = ca.vertcat(model.x, *jets[:-1]) if p else model.x
     J = ca.jacobian(ca.vertcat(*coefficients), arguments)
