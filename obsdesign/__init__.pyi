@@ -76,8 +76,8 @@ from .estimation.validation import Validation as Validation
 from .estimation.validation import validate as validate
 from .exchange.export_result import Export as Export
 from .exchange.export_result import export as export
-from .information.accumulation import batch_information as batch_information
 from .information.accumulation import segment_information as segment_information
+from .information.batches import batch_information as batch_information
 from .information.blocks import Information as Information
 from .information.contribution_shares import Contributions as Contributions
 from .information.contribution_shares import contributions as contributions

@@ -14,7 +14,8 @@ from obsdesign.design.path_costs import total_costs
 from obsdesign.design.robust import Robust
 from obsdesign.dynamics.model import AbstractSystem
 from obsdesign.dynamics.simulation import simulate
-from obsdesign.information.accumulation import batch_information, path_information
+from obsdesign.information.accumulation import path_information
+from obsdesign.information.batches import batch_information
 from obsdesign.information.gramian import variational_gramian
 from obsdesign.information.posterior import posterior_information
 from obsdesign.round_off import may_be_singular
