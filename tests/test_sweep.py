@@ -318,6 +318,21 @@ def test_the_verb_says_what_is_missing(words, message, yard: od.Scenario, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("sensors.gsp.sigma = [1.0]", "no 'gsp'; did you mean 'gps'?"),
+        ("sensors.gps.sigma = [1.0, -1.0]\nseed = [0, 1]", "with sensors.gps.sigma = -1.0, seed = 0: "),
+        ("seed = [1, 1]", "vary['seed'] has 1 twice"),
+    ],
+)
+def test_check_says_what_of_a_sweep_the_scenario_does_not_accept(line, message, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "yard.toml").write_text(f"{YARD}[sweep.vary]\n{line}\n")
+    with pytest.raises(SystemExit) as end:
+        main(("check", str(tmp_path / "yard.toml")))
+    assert (end.value.code, message in capsys.readouterr().err) == (2, True)
+
+
 def test_the_verb_takes_lists_ranges_and_subsets_and_prints_one_object(
     yard: od.Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

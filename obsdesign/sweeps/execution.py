@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.errors import InputError, ObsdesignError, ScenarioError
+from obsdesign.errors import InputError, ObsdesignError
 from obsdesign.files import write_files
 from obsdesign.progress import Progress, StageReport
-from obsdesign.scenario.loading import scenario_from_data
 from obsdesign.scenario.schema import Scenario
 from obsdesign.sweeps.headline import headline
 from obsdesign.sweeps.run_file import FOLDER, RunAnswer, Task, compute, read_answer, task_of, write_answer
 from obsdesign.sweeps.sweep_record import Sweep, SweepRun
-from obsdesign.sweeps.variation import Values, combinations_of, varied_data
+from obsdesign.sweeps.variation import Values, accepted_data, combinations_of
 
 _LOGGER = getLogger(__name__)
 _AHEAD = 256  # tasks that wait in the executor
@@ -76,17 +75,7 @@ def _tasks_of(scenario: Scenario, combinations: Sequence[Values]) -> list[Task]:
     """Return the task of each combination. Raises InputError for the first that the scenario does not accept."""
     if not scenario.source:
         raise InputError("a sweep varies the keys of a scenario's file: load the scenario with load_scenario")
-    tasks: list[Task] = []
-    for values in combinations:
-        data = varied_data(scenario, values)
-        task = task_of(data, scenario.file)
-        try:
-            scenario_from_data(data, scenario.file, task.name)
-        except ScenarioError as error:
-            varied = ", ".join(f"{key} = {value!r}" for key, value in values)
-            raise InputError(f"with {varied}: {error}") from None
-        tasks.append(task)
-    return tasks
+    return [task_of(accepted_data(scenario, values), scenario.file) for values in combinations]
 
 
 def _answers_on_file(folder: Path | None, tasks: Sequence[Task]) -> dict[str, tuple[Mapping[str, Any], str]]:

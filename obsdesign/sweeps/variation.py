@@ -9,8 +9,9 @@ from itertools import combinations, product
 from typing import Any
 
 from obsdesign.checks import require_known
-from obsdesign.errors import InputError
+from obsdesign.errors import InputError, ScenarioError
 from obsdesign.scenario.degrees import SUFFIX
+from obsdesign.scenario.loading import scenario_from_data
 from obsdesign.scenario.schema import Scenario
 
 SENSORS = "sensors"  # the key whose values are subsets, named by their sensors
@@ -51,6 +52,24 @@ def varied_data(scenario: Scenario, values: Values) -> dict[str, Any]:
     for _, wanted in (entry for entry in values if entry[0] == SENSORS):
         data[SENSORS] = _subset(wanted, data.get(SENSORS, []), names)
     return data
+
+
+def accepted_data(scenario: Scenario, values: Values) -> dict[str, Any]:
+    """Return `varied_data`, of which a scenario was made to see that it is one. Raises InputError where the scenario does not accept it."""
+    data = varied_data(scenario, values)
+    try:
+        scenario_from_data(data, scenario.file, "")
+    except ScenarioError as error:
+        varied = ", ".join(f"{key} = {value!r}" for key, value in values)
+        raise InputError(f"with {varied}: {error}") from None
+    return data
+
+
+def require_accepted(scenario: Scenario, vary: Mapping[str, Iterable[Any]]) -> None:
+    """Raise InputError for a key, or a value beside the first ones of the other keys, that the scenario does not accept."""
+    first, *others = combinations_of(vary)
+    for values in (first, *(each for each in others if sum(a != b for a, b in zip(each, first, strict=True)) == 1)):
+        accepted_data(scenario, values)
 
 
 def _plain(key: str, value: Any) -> Any:  # noqa: ANN401  # whatever a caller gave

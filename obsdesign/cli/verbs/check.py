@@ -21,6 +21,10 @@ def check(options: Namespace) -> Outcome:
 
     file = scenario_file(options.scenario)
     scenario, is_of_log, notes = _read(file, options.landmarks)
+    if scenario.sweep is not None and not is_of_log:
+        from obsdesign.sweeps.variation import require_accepted
+
+        require_accepted(scenario, scenario.sweep.vary)
     changes = upgrade_data(tomllib.loads(scenario.source)).changes
     lasts = "for a log" if is_of_log else f"{scenario.segments} segments"
     what = f"{scenario.title}: {len(scenario.state_names)} states, sensors {', '.join(scenario.sensor_names)}, {lasts}"
