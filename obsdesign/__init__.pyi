@@ -83,13 +83,13 @@ from .information.contribution_shares import Contributions as Contributions
 from .information.contribution_shares import contributions as contributions
 from .information.gradient import information_gradient as information_gradient
 from .information.gradient import information_value as information_value
-from .information.gramian import empirical_gramian as empirical_gramian
 from .information.gramian import variational_gramian as variational_gramian
 from .information.landmark_circle import CircleResiduals as CircleResiduals
 from .information.landmark_circle import circle_residuals as circle_residuals
 from .information.landmark_circle import landmark_circle as landmark_circle
 from .information.learning_rank import Estimability as Estimability
 from .information.learning_rank import estimability as estimability
+from .information.output_differences import empirical_gramian as empirical_gramian
 from .information.perturbation_check import Perturbation as Perturbation
 from .information.perturbation_check import perturbation as perturbation
 from .information.position_grid import SingularSet as SingularSet

@@ -1,23 +1,18 @@
-"""Observability Gramians along a path: variational and empirical."""
+"""Observability Gramians along a path, from derivatives."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from functools import lru_cache, partial
-from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from obsdesign.arguments import validate_arguments
-from obsdesign.calculus import wrap_columns
-from obsdesign.checks import all_finite, as_array
+from obsdesign.checks import all_finite
 from obsdesign.dynamics.model import AbstractSystem, Model
 from obsdesign.dynamics.per_step import held_columns, system_along
 from obsdesign.dynamics.scan import Scan
-from obsdesign.dynamics.simulation import all_inputs_along, readings, states_from, substeps_along
+from obsdesign.dynamics.simulation import all_inputs_along
 from obsdesign.dynamics.step import CACHE_SIZE, blocks_of, dense_blocks, looped_step
 from obsdesign.errors import InputError
 from obsdesign.information.blocks import Information, with_samples
@@ -32,23 +27,10 @@ from obsdesign.information.sample_information import (
     samples_with_colour,
     zero_unsampled,
 )
+from obsdesign.information.step_integral import StepSplit, integral_over_steps, step_split
 from obsdesign.information.whitening import decay_between, outputs_with_colour
 from obsdesign.logs.log import Log
 from obsdesign.trajectory import Trajectory
-
-_HALVING_RATIO = 15  # change of an integral of order 4 when its pieces are halved, over what is left of its error
-_MAX_PIECES = 1024  # of one step, at most
-
-
-class _StepSplit(NamedTuple):
-    """Length of a step [s], and of how many sub-steps it is made."""
-
-    step: float
-    substeps: int
-
-
-# (x (N, n), (u, w) (N, m + p), pace, weighted) -> (N, S, n, n), the information of one sample of each sensor at each step
-_Sampler = Callable[[np.ndarray, np.ndarray, _StepSplit, bool], np.ndarray]
 
 
 @validate_arguments
@@ -77,10 +59,10 @@ def variational_gramian(system: AbstractSystem, path: Trajectory, weighted: bool
     if weighted:
         if colour_of(system.model) is not None:
             return _gramian_with_colour(system, path)
-        Phi, blocks = _sensitivities(system, path.x[:-1], all_inputs_along(system, path), _step_split(system, path), True)
+        Phi, blocks = _sensitivities(system, path.x[:-1], all_inputs_along(system, path), step_split(system, path), True)
         blocks, transition = zero_unsampled(blocks, system, path.pace), Phi[-1]
     else:
-        blocks, transition = _integrate(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
+        blocks, transition = integral_over_steps(system, path, partial(_sensitivity_samples, system)), transition_matrices(system, path)[-1]
     return with_samples(
         require_finite_blocks(blocks, system, path), system.model.sensor_names, transition, None, origin_of(system, path, weighted)
     )
@@ -129,44 +111,11 @@ def _gramian_with_colour(system: AbstractSystem, path: Trajectory) -> Informatio
 
 def _walk_with_colour(system: AbstractSystem, path: Trajectory) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
     """Return Phi (n, n) at the end, and the results of `_sensitivity_scan_with_colour` at each step (N, .)."""
-    split = _step_split(system, path)
+    split = step_split(system, path)
     sensitivity = looped_step(system.model, *split).sensitivity
     rows = [path.x[:-1], all_inputs_along(system, path)]
     run = _sensitivity_scan_with_colour(system.model, *split).run(sensitivity.start[None], rows, path.steps, carries=False)
     return sensitivity.full(run.carry)[-1], tuple(values[0] for values in run.results)
-
-
-@validate_arguments
-def empirical_gramian(system: AbstractSystem, path: Trajectory, eps: ArrayLike = 1e-4, weighted: bool = True) -> Information:
-    """Return the Gramian from simulated differences of outputs, without derivatives.
-
-    W = 1/(4 eps^2) sum Y'R^-1 Y, Y = [y(x0 + eps e_i) - y(x0 - eps e_i)]_i; tends to the variational Gramian as eps^2.
-    What moves the path beside its inputs u and w, x_k+1 - f(x_k, u_k, w_k) in logs, moves the perturbed paths too.
-    `perturbation` tells whether an eps is neither so small that rounding shows nor so large that curvature does.
-
-    Arguments:
-        system: vehicle and sensors.
-        path: the path about whose start W is.
-        eps: perturbation in the unit of each state, > 0, one number or (n,).
-        weighted: False = the integral without R, Brace and Morgansen eq. (3).
-    Raises InputError as variational_gramian, and unless eps > 0.
-    """
-    require_fit(system, path)
-    system = system_along(system, path)
-    size = as_perturbation(system, eps)
-    reference = variational_gramian(system, path, weighted)  # refuses a path through a landmark, which differences would not notice
-    sampler = partial(_difference_samples, system, size)
-    if weighted:
-        blocks = zero_unsampled(sampler(path.x[:-1], all_inputs_along(system, path), _step_split(system, path), True), system, path.pace)
-    else:
-        blocks = _integrate(system, path, sampler)
-    samples = None if reference.samples is None else _difference_rows(system, size, path, reference.samples)
-    origin = origin_of(system, path, weighted, by_differences=True)
-    return with_samples(require_finite_blocks(blocks, system, path), system.model.sensor_names, reference.transition, samples, origin)
-
-
-def _step_split(system: AbstractSystem, path: Trajectory) -> _StepSplit:
-    return _StepSplit(path.pace, substeps_along(system, path))
 
 
 def require_fit(system: AbstractSystem, path: Trajectory) -> None:
@@ -191,7 +140,7 @@ def require_sensors(system: AbstractSystem) -> None:
 
 def transition_matrices(system: AbstractSystem, path: Trajectory) -> np.ndarray:
     """Return Phi (N+1, n, n): Phi[k] = dx(t_k)/dx(t_0) along the path."""
-    split = _step_split(system, path)
+    split = step_split(system, path)
     sensitivity = looped_step(system.model, *split).sensitivity
     entries = _transition_scan(system.model, *split).along(sensitivity.start, path.x[:-1], all_inputs_along(system, path))[0]
     if not all_finite(entries):
@@ -233,7 +182,7 @@ def _sensitivity_scan_with_colour(model: Model, step: float, substeps: int) -> S
 
 
 def _sensitivities(
-    system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, split: _StepSplit, weighted: bool
+    system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, split: StepSplit, weighted: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return Phi (1, n, n) after the last step, and blocks (N, S, n, n)."""
     sensitivity, n = looped_step(system.model, *split).sensitivity, x.shape[1]
@@ -243,97 +192,5 @@ def _sensitivities(
     return sensitivity.full(run.carry), run.results[0].reshape(len(x), -1, n, n)
 
 
-def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, split: _StepSplit, weighted: bool) -> np.ndarray:
+def _sensitivity_samples(system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, split: StepSplit, weighted: bool) -> np.ndarray:
     return _sensitivities(system, x, all_inputs, split, weighted)[1]
-
-
-def as_perturbation(system: AbstractSystem, eps: ArrayLike) -> np.ndarray:
-    """Return eps (n,) for each state; raise InputError unless it is one number above 0, or one for each state."""
-    names = system.model.state_names
-    size = as_array("eps", eps)
-    if size.shape not in {(), (len(names),)}:
-        raise InputError(f"eps has shape {size.shape}: must be one number or ({len(names)},) for {', '.join(names)}")
-    perturbation = np.broadcast_to(size, (len(names),))
-    for name, value in zip(names, perturbation, strict=True):
-        if not (np.isfinite(value) and value > 0):
-            what = "eps" if size.shape == () else f"eps of {name}"
-            raise InputError(f"{what} is {float(value)!r}: must be a finite number above 0")
-    return perturbation
-
-
-def _difference_samples(
-    system: AbstractSystem, eps: np.ndarray, x: np.ndarray, all_inputs: np.ndarray, split: _StepSplit, weighted: bool
-) -> np.ndarray:
-    """Central differences over 2 n paths; the weights are those of the path itself."""
-    model, Y = system.model, _differences(system, eps, x, all_inputs, split)
-    if weighted:
-        path_readings = readings(system, x[None], all_inputs[:, : len(model.inputs)])
-        Y *= np.sqrt(path_readings.gate[0] / path_readings.variance[0])
-    owner = np.array(model.output_owner)
-    blocks = [np.einsum("ikq,jkq->kij", Y[..., owner == s], Y[..., owner == s]) for s in range(len(model.channels))]
-    return np.stack(blocks, axis=1)
-
-
-def _differences(system: AbstractSystem, eps: np.ndarray, x: np.ndarray, all_inputs: np.ndarray, split: _StepSplit) -> np.ndarray:
-    """Return dy/dx(t_0) (n, N, q) as differences over 2 n paths."""
-    n, (u, w) = x.shape[1], _split_inputs(system, all_inputs)
-    starts = x[0] + np.concatenate([np.diag(eps), -np.diag(eps)])
-    states = states_from(system, starts, u, split.step, w, defects(system, x, all_inputs, *split), substeps=split.substeps)[:, :-1]
-    y = readings(system, states, u).y
-    angles = np.array([signal.is_angle for signal in system.model.outputs])
-    return wrap_columns(y[:n] - y[n:], angles) / (2 * eps[:, None, None])
-
-
-def _difference_rows(system: AbstractSystem, eps: np.ndarray, path: Trajectory, samples: CorrelatedSamples) -> CorrelatedSamples:
-    """The samples of coloured outputs with differences for derivatives."""
-    Y = _differences(system, eps, path.x[:-1], all_inputs_along(system, path), _step_split(system, path))
-    coloured_outputs = [j for s in samples.colour.sensor_indices for j, owner in enumerate(system.model.output_owner) if owner == s]
-    return replace(samples, rows=np.moveaxis(Y[..., coloured_outputs], 0, 2) * samples.level[..., None])
-
-
-def defects(system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, step: float, substeps: int = 1) -> np.ndarray:
-    """Return x_k+1 - f(x_k, u_k, w_k) (N, n) along states x (N, n), the last 0: what the model does not say of a path not simulated."""
-    simulated = _one_step(system, x, all_inputs, step, substeps)
-    return np.vstack([x[1:] - simulated[:-1], np.zeros((1, x.shape[1]))])
-
-
-def _integrate(system: AbstractSystem, path: Trajectory, sampler: _Sampler) -> np.ndarray:
-    """Simpson's rule over equal pieces of each step, as many as it takes for the path's tolerance: halves of them change less."""
-    pieces = substeps_along(system, path)
-    integral = _simpson(system, path, sampler, pieces)
-    while True:
-        finer = _simpson(system, path, sampler, 2 * pieces)
-        totals = [values.sum(axis=0) for values in (integral, finer)]
-        size = np.sqrt(np.maximum(np.diagonal(totals[1], axis1=1, axis2=2), 0.0))
-        difference = np.abs(totals[1] - totals[0]) / _HALVING_RATIO
-        # what is not finite is refused by whoever asked
-        if not np.any(difference > path.tolerance * size[:, :, None] * size[:, None]) or pieces >= _MAX_PIECES:
-            return integral
-        pieces, integral = 2 * pieces, finer
-
-
-def _simpson(system: AbstractSystem, path: Trajectory, sampler: _Sampler, pieces: int) -> np.ndarray:
-    """Return the integral over each step (N, S, n, n), on the values at start, middle and end of each piece."""
-    all_inputs, half_piece = all_inputs_along(system, path), _StepSplit(path.pace / (2 * pieces), min(pieces, 2))
-    nodes = np.empty((path.steps, 2 * pieces, path.x.shape[1]))
-    nodes[:, 0] = path.x[:-1]
-    for j in range(1, 2 * pieces):
-        nodes[:, j] = _one_step(system, nodes[:, j - 1], all_inputs, *half_piece)
-    states = np.vstack([nodes.reshape(-1, path.x.shape[1]), path.x[-1:]])
-    values = sampler(states, np.vstack([np.repeat(all_inputs, 2 * pieces, axis=0), all_inputs[-1:]]), half_piece, False)
-    integrals = (values[:-2:2] + 4 * values[1::2] + values[2::2]) * half_piece.step / 3
-    if not path.is_even:  # of time, where steps were counted
-        integrals = integrals * np.repeat(path.lengths, pieces)[:, None, None, None]
-    return integrals.reshape(path.steps, pieces, *integrals.shape[1:]).sum(axis=1) if pieces > 1 else integrals
-
-
-def _one_step(system: AbstractSystem, x: np.ndarray, all_inputs: np.ndarray, step: float, substeps: int) -> np.ndarray:
-    """Return where each of the states x (N, n) gets to in one step under its own row of inputs."""
-    u, w = _split_inputs(system, all_inputs[:, None])
-    return states_from(system, x, u, step, w, substeps=substeps)[:, 1]
-
-
-def _split_inputs(system: AbstractSystem, all_inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return u (..., m) and w (..., p) of (u, w) (..., m + p)."""
-    m = len(system.model.inputs)
-    return all_inputs[..., :m], all_inputs[..., m:]

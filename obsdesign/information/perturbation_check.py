@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 from obsdesign.arguments import validate_arguments
 from obsdesign.display import AbstractDisplay, Summary
 from obsdesign.dynamics.model import AbstractSystem
-from obsdesign.information.gramian import as_perturbation, empirical_gramian, variational_gramian
+from obsdesign.information.gramian import variational_gramian
+from obsdesign.information.output_differences import as_perturbation, empirical_gramian
 from obsdesign.trajectory import Trajectory
 
 TOLERANCE = 1e-3  # relative error that an empirical Gramian may have and still be called good
