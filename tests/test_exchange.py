@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -192,6 +193,23 @@ def test_compass_and_angle_are_inverse_and_north_is_0():
     angles = np.linspace(-math.pi + 1e-9, math.pi, 101)
     np.testing.assert_allclose(from_compass(compass_degrees(angles)), angles, atol=1e-12)
     np.testing.assert_allclose(compass_degrees(np.array([math.pi / 2, 0.0, -math.pi / 2])), [0.0, 90.0, 180.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("value", ["1e400", "nan"])
+@pytest.mark.parametrize(
+    ("word", "before"),
+    [("gpx", "<o:heading>"), ("kml", "<gx:angles>"), ("geojson", r'"headings_deg": *\[\s*')],
+    ids=["gpx", "kml", "geojson"],
+)
+def test_a_heading_that_is_no_finite_number_is_named(word, before, value, track, tmp_path):
+    """Without a warning of NumPy on the way."""
+    path = tmp_path / f"path{format_of(word).suffix}"
+    write_track(track, word, path)
+    text, count = re.subn(rf"({before})[-+.\de]+", rf"\g<1>{value}", path.read_text(), count=1)
+    assert count == 1
+    path.write_text(text)
+    with pytest.raises(od.InputError, match=r"(?i)heading|not valid JSON"):
+        read_track(path)
 
 
 def test_a_step_of_no_length_has_the_course_of_before():

@@ -147,7 +147,13 @@ def compass_degrees(angle: np.ndarray) -> np.ndarray:
 
 
 def from_compass(bearing: np.ndarray) -> np.ndarray:
-    """Return angles [rad, counter-clockwise from east] in (-pi, pi] of compass bearings [degrees]."""
+    """Return angles [rad, counter-clockwise from east] in (-pi, pi] of compass bearings [degrees].
+
+    Raises InputError for one that is not finite.
+    """
+    wrong = np.flatnonzero(~np.isfinite(bearing))
+    if wrong.size:
+        raise InputError(f"heading of point {int(wrong[0])} is {float(bearing[wrong[0]])!r}: must be a finite number of degrees")
     return -wrap(-np.radians(90.0 - bearing))
 
 
