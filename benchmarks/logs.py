@@ -141,7 +141,8 @@ def _answers(folder: Path) -> str:
     ]
     intro = (
         "`obsdesign replay FILE --out DIR`: calibrated on the first half, windows restarted, one sensor at a time for 10 s in the"
-        " schedules, page written."
+        " schedules, page written. An error is that of one run: where one distance at a time is known and the heading is not, as where the"
+        " small robot begins, a filter follows the robot or its mirror image, and chance says which."
     )
     return f"{intro}\n\n{table(header, rows)}"
 
