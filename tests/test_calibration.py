@@ -9,7 +9,7 @@ import pytest
 import obsdesign as od
 from obsdesign.calibration import from_log
 from obsdesign.calibration.likelihood import FilterRows, LogLikelihood
-from obsdesign.calibration.maximum import most_likely
+from obsdesign.calibration.maximum import most_likely, reach_of
 from obsdesign.calibration.parameters import Parameter, Quantity, Values, driven_states, sensor_parameters
 from obsdesign.calibration.truth_residuals import correlation_of, told_of_size
 from obsdesign.logs.events import events_of
@@ -339,7 +339,12 @@ def test_the_likelihood_of_innovations_is_that_of_all_samples_at_once():
 
 @pytest.mark.parametrize("corrections", [(), (Quantity.BIAS,), (Quantity.BIAS, Quantity.SCALE)])
 def test_what_biases_explain_by_chance_is_not_taken_for_smaller_errors(corrections: tuple[Quantity, ...]):
-    """Of a line of p numbers through N points: sigma^2 is the squares of what is left over N - p, log sigma has 2 (N - p)."""
+    """Of a line of p numbers through N points: sigma^2 is the squares of what is left over N - p, log sigma has 2 (N - p).
+
+    The numbers lie within Student's quantiles with N - p degrees of freedom.
+    """
+    from scipy.stats import t
+
     x = ca.SX.sym("x", 1)
     system = od.ControlAffineSystem(
         state=x, names=("p",), drift=ca.SX([1.0]), known={}, unknown={}, outputs={"place": x[0]}, sigmas={"place": 0.5}
@@ -348,12 +353,13 @@ def test_what_biases_explain_by_chance_is_not_taken_for_smaller_errors(correctio
     free = (*(Parameter(quantity, "place", (0,), float(quantity is Quantity.SCALE), 1e3) for quantity in corrections),)
     free = (Parameter(Quantity.SIGMA, "place", (0,), 1.0, 5.0), *free)  # nothing is known beforehand
     recording, prior = FilterRows(np.ones((12, 1)), y, np.ones((12, 1))), od.Prior([-5.5], std=(1e-9,))
-    peak = most_likely(LogLikelihood(system, recording, prior, free, Values((), np.zeros(0))))[1]
+    likelihood, peak = most_likely(LogLikelihood(system, recording, prior, free, Values((), np.zeros(0))))
     A = np.column_stack([np.ones(12), np.arange(12.0) - 5.5])[:, : len(corrections)]
     target = y[:, 0] - (np.arange(12.0) - 5.5)
     rest, count = target - A @ np.linalg.lstsq(A, target, rcond=None)[0], 12 - len(corrections)
     assert 0.5 * free[0].value(peak.z[0]) == pytest.approx(np.sqrt(rest @ rest / count), rel=2e-3)
     assert peak.std[0] * 5 == pytest.approx(1 / np.sqrt(2 * count), rel=2e-3)
+    assert reach_of(likelihood, peak)[1:] == pytest.approx(t.ppf(0.975, count), rel=2e-3)
 
 
 def test_the_system_with_values_reads_and_moves_as_the_likelihood_takes_it():

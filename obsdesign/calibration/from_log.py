@@ -10,7 +10,7 @@ import numpy as np
 from obsdesign.arguments import validate_arguments
 from obsdesign.calibration.calibration_record import CalibratedNumber, Calibration
 from obsdesign.calibration.likelihood import FilterRows, LogLikelihood
-from obsdesign.calibration.maximum import Maximum, Told, maximum, most_likely, told_of, without_what_is_not_there
+from obsdesign.calibration.maximum import Maximum, Told, maximum, most_likely, reach_of, told_of, without_what_is_not_there
 from obsdesign.calibration.parameters import Parameter, Quantity, Values, motion_parameters, sensor_parameters
 from obsdesign.calibration.truth_residuals import told_by_residuals, told_of_size
 from obsdesign.calibration.truth_sensors import TruthSensors, log_of_truth
@@ -48,7 +48,8 @@ def calibrate(system: AbstractSystem, log: Log, prior: Prior) -> Calibration:
     Where the truth tells the states that a sensor reads, a line through its residuals and their median absolute deviation; the correlation
     of successive residuals becomes its inflation. Inputs and process noise: by maximum likelihood of the true states ten seconds apart
     given those before. What truth does not tell, and in logs below 80 s: by maximum likelihood of the innovations of an EKF, of a very
-    long log those of its beginning. Biases and scales are taken where their 95 % interval does not hold none.
+    long log those of its beginning. Biases and scales are taken where their 95 % interval does not hold none,
+    Student's where noise is estimated from little.
 
     Arguments:
         system: vehicle and sensors; sigmas as far as they are known, to begin with.
@@ -177,13 +178,14 @@ def _fit(likelihood: LogLikelihood, may_have_outliers: bool = True) -> tuple[tup
     Intervals are those of all parameters at once: which biases and scales are there is told by the same data.
     """
     trimmed, peak = most_likely(likelihood, may_have_outliers)
-    wide = told_of(trimmed, peak)
-    stays = without_what_is_not_there(likelihood.free, peak)
+    reach = reach_of(trimmed, peak)
+    wide = told_of(trimmed, peak, reach)
+    stays = without_what_is_not_there(likelihood.free, peak, reach)
     if stays.all():
         return wide, trimmed, peak
     narrow = trimmed.only(stays)
     peak = maximum(narrow, peak.z[stays])
-    again = iter(told_of(narrow, peak))
+    again = iter(told_of(narrow, peak, reach[stays]))
     told = tuple(fact.at(next(again)) if is_there else fact.without_effect for fact, is_there in zip(wide, stays, strict=True))
     return told, narrow, peak
 

@@ -12,7 +12,6 @@ from obsdesign.estimation.gate import Gate
 
 NORMAL_QUANTILE = 1.959963984540054
 _LIKELIHOOD_DROP = 1.920729410347062  # chi-square quantile for 95 %, 1 degree of freedom, over 2
-_SURE = NORMAL_QUANTILE  # standard deviations from nothing beyond which a bias or a scale is taken: 95 %
 _ENOUGH, _ROUGHLY = 1e-4, 0.3  # by which f may still be expected to fall; of a maximum that is only a start
 _MOST_STEPS = 40
 UNTOLD = 0.5  # of the spread before the data: a standard deviation above it tells of nothing
@@ -20,6 +19,8 @@ _RAGGED = 0.7  # standard deviation of a logarithm beyond which its likelihood i
 _GATE = Gate(0.99993665751633)  # 4 standard deviations of an innovation
 _MOST_ROUNDS = 5  # of leaving out outliers
 _LARGEST_TOLD = 1.0  # z at the upper end of an interval: a psd that may be that much larger than what was looked for is not told
+_STEP, _MOST_UPDATES = 1e-2, 2e6  # of z, and outputs that the runs for degrees of freedom take in: in longer logs these are many
+_LEAST_FREEDOM = 2.0
 _FARTHEST, _POINTS = 2.5, 20  # of z, when the end of an interval is looked for
 
 
@@ -123,30 +124,51 @@ def maximum(likelihood: LogLikelihood, start: np.ndarray, enough: float = _ENOUG
     return Maximum(result.x, best.information, best.decrement < 10 * enough)
 
 
-def without_what_is_not_there(free: tuple[Parameter, ...], peak: Maximum) -> np.ndarray:
+def reach_of(likelihood: LogLikelihood, peak: Maximum) -> np.ndarray:
+    """Return how many standard deviations the 95 % interval of each parameter reaches to either side (P,).
+
+    The variance V of a bias or a scale is computed with sizes that are estimated: the quantile is Student's with 2 / (g'A g) degrees of
+    freedom, g = d log V / dz over the sizes, A their covariance. Of sizes it is the normal one.
+    Source: Satterthwaite 1946, Biometrics Bulletin 2, 110-114.
+    """
+    from scipy.special import stdtrit
+
+    is_size = np.array([parameter.quantity.is_positive for parameter in likelihood.free], dtype=bool)
+    sizes, count, normal = np.flatnonzero(is_size), len(is_size), np.full(len(is_size), NORMAL_QUANTILE)
+    if is_size.all() or not is_size.any() or len(sizes) * (count + 1) * likelihood.recording.weights.size > _MOST_UPDATES:
+        return normal
+    beside = [Maximum(z, likelihood.at(z).information, peak.has_converged) for z in peak.z + _STEP * np.eye(count)[sizes]]
+    slopes = np.array([2 * np.log(moved.std / peak.std) for moved in beside]) / _STEP
+    covariance = np.linalg.inv(peak.information)[np.ix_(sizes, sizes)]
+    freedom = 2 / np.maximum(np.einsum("sp,st,tp->p", slopes, covariance, slopes), 1e-12)
+    return np.where(is_size, normal, stdtrit(np.maximum(freedom, _LEAST_FREEDOM), 0.975))
+
+
+def without_what_is_not_there(free: tuple[Parameter, ...], peak: Maximum, reach: np.ndarray | None = None) -> np.ndarray:
     """Return which parameters stay (P,): not biases and scales whose intervals hold what they are without the data.
 
+    reach (P,): of the intervals, in standard deviations; None = the normal quantile.
     One after the other, the least sure first, the others being what they are without those before.
     """
-    stays = np.ones(len(free), dtype=bool)
+    stays, reach = np.ones(len(free), dtype=bool), np.full(len(free), NORMAL_QUANTILE) if reach is None else reach
     z, information = peak.z, peak.information
     while True:
         kept = np.flatnonzero(stays)
         covariance = np.linalg.inv(information[np.ix_(kept, kept)])
         # of the others being 0: x_k + H_kk^-1 H_kd x_d
         values = z[kept] + covariance @ information[np.ix_(kept, np.flatnonzero(~stays))] @ z[~stays]
-        ratios = np.abs(values) / np.sqrt(np.diag(covariance))
-        doubtful = np.array([free[i].quantity.is_correction for i in kept], dtype=bool) & (ratios < _SURE)
+        ratios = np.abs(values) / (reach[kept] * np.sqrt(np.diag(covariance)))
+        doubtful = np.array([free[i].quantity.is_correction for i in kept], dtype=bool) & (ratios < 1)
         if not doubtful.any():
             return stays
         stays[kept[np.argmin(np.where(doubtful, ratios, np.inf))]] = False
 
 
-def told_of(likelihood: LogLikelihood, peak: Maximum) -> tuple[Told, ...]:
-    """Return what the data tell of each free parameter."""
+def told_of(likelihood: LogLikelihood, peak: Maximum, reach: np.ndarray) -> tuple[Told, ...]:
+    """Return what the data tell of each free parameter, in intervals that reach so many standard deviations (P,) to either side."""
     result = []
     for i, (parameter, z, std) in enumerate(zip(likelihood.free, peak.z, peak.std, strict=True)):
-        low, high = z - NORMAL_QUANTILE * std, z + NORMAL_QUANTILE * std
+        low, high = z - reach[i] * std, z + reach[i] * std
         is_told = bool(std < UNTOLD)
         if parameter.quantity.is_positive and std * parameter.spread > _RAGGED:
             low, high = _profile(likelihood, peak, i)
