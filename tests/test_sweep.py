@@ -28,6 +28,7 @@ import obsdesign as od
 from obsdesign.cli import main
 from obsdesign.report.sweep_figures.small_multiples import Panel
 from obsdesign.report.to_document import document_of
+from obsdesign.sweeps import run_file
 from obsdesign.sweeps.execution import LostWorkersError
 from obsdesign.sweeps.headline import headline
 from obsdesign.sweeps.page import best_of_both, competing, sweep_page, write_sweep
@@ -119,6 +120,8 @@ REFUSED = {
     "nothing": ({}, "vary is empty: must have at least one key"),
     "no values": ({"seed": []}, r"vary\['seed'\] has no values: must have at least one"),
     "a value twice": ({"seed": [1, 1]}, r"vary\['seed'\] has 1 twice"),
+    "a number twice": ({"seed": [2, 2.0]}, r"vary\['seed'\] has 2 twice"),
+    "a subset twice": ({"sensors": [["gps"], ["gps"]]}, r"vary\['sensors'\] has \['gps'\] twice"),
     "no value": ({"seed": [None]}, r"vary\['seed'\] has None: must be numbers, texts, True or False, or lists and tables of them"),
     "text for values": ({"title": "ab"}, r"vary\['title'\] is 'ab': must be a list of values"),
     "an unknown sensor": ({"sensors.gsp.sigma": [1.0]}, r"no 'gsp'; did you mean 'gps'\? \(accepted: gps, magnetometer, 0, 1\)"),
@@ -354,3 +357,16 @@ def test_the_example_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.Monkey
     runpy.run_path("program.py")
     assert capsys.readouterr().out.startswith("sweep of 4 runs: A rover in a yard\n  sensors.gps.sigma  0.5, 1.0\n")
     assert len(list((tmp_path / "reports" / "yard" / "runs").iterdir())) == 4
+
+
+def test_what_a_machine_lacks_is_told_and_not_kept(yard: od.Scenario, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Started again with more memory, the run is done."""
+
+    def starve(*_: object, **__: object) -> None:
+        raise MemoryError("no room for the Gramian")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(run_file, "run", starve)
+        starved = od.sweep(yard, {"seed": [0]}, out=tmp_path / "out")
+    assert [run.error for run in starved.runs] == ["MemoryError: no room for the Gramian"]
+    assert not od.sweep(yard, {"seed": [0]}, out=tmp_path / "out").failures

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from itertools import islice
@@ -95,7 +96,7 @@ def _run_of(answer: RunAnswer) -> tuple[Mapping[str, Any], str]:
 def _compute_all(tasks: Sequence[Task], executor: Executor | None) -> Iterator[tuple[Task, RunAnswer, bool]]:
     """Yield each task with its answer as it comes, and whether that is final: what a lost worker leaves is not."""
     if executor is None:
-        yield from ((task, compute(task), True) for task in tasks)
+        yield from ((task, *_compute_here(task)) for task in tasks)
         return
     waiting = iter(tasks)
     pending: dict[Future[RunAnswer], Task] = {}
@@ -112,6 +113,14 @@ def _compute_all(tasks: Sequence[Task], executor: Executor | None) -> Iterator[t
     finally:
         for future in pending:
             future.cancel()
+
+
+def _compute_here(task: Task) -> tuple[RunAnswer, bool]:
+    """Return the answer of a task, or what the machine lacked for it, which is not kept."""
+    try:
+        return compute(task), True
+    except (MemoryError, OSError) as error:
+        return _lost(error), False
 
 
 def _call(executor: Executor, task: Task) -> Future[RunAnswer]:
@@ -140,6 +149,4 @@ def _answer_of(future: Future[RunAnswer]) -> tuple[RunAnswer, bool]:
 
 def _lost(error: Exception) -> RunAnswer:
     """Return the answer of a run that no worker finished."""
-    import json
-
     return RunAnswer(json.dumps({"error": f"{type(error).__name__}: {error}", "result": None}))

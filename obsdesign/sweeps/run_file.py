@@ -50,10 +50,15 @@ def task_of(data: Mapping[str, Any], file: str) -> Task:
 
 
 def compute(task: Task) -> RunAnswer:
-    """Run one scenario in this process, and return its result, or the error that it ended with."""
+    """Run one scenario in this process, and return its result, or the error that it ended with.
+
+    Raises MemoryError and OSError: what a machine lacks is no answer to a scenario.
+    """
     try:
         scenario = scenario_from_data(json.loads(task.data), task.file, task.name)
         outcome = {"error": None, "result": document_of(run(scenario)).model_dump(mode="json")}
+    except (MemoryError, OSError):
+        raise
     except Exception as error:  # noqa: BLE001  # whatever it is: it is this run's answer, and the others go on
         kind = "" if isinstance(error, ObsdesignError) else f"{type(error).__name__}: "
         outcome = {"error": f"{kind}{error}", "result": None}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, product
 from typing import Any
@@ -32,10 +34,16 @@ def combinations_of(vary: Mapping[str, Iterable[Any]]) -> tuple[Values, ...]:
             raise InputError(f"vary[{key!r}] is {values!r}: must be a list of values")
     columns = {key: [_plain(key, value) for value in values] for key, values in vary.items()}
     for key, values in columns.items():
-        repeated = [value for i, value in enumerate(values) if value in values[:i]]
-        if not values or repeated:
-            raise InputError(f"vary[{key!r}] " + (f"has {repeated[0]!r} twice" if repeated else "has no values: must have at least one"))
+        counts = Counter(map(_identity, values))
+        repeated = next((value for value in values if counts[_identity(value)] > 1), None)
+        if not values or repeated is not None:
+            raise InputError(f"vary[{key!r}] " + (f"has {repeated!r} twice" if values else "has no values: must have at least one"))
     return tuple(tuple(zip(columns, row, strict=True)) for row in product(*columns.values()))
+
+
+def _identity(value: Any) -> Any:  # noqa: ANN401  # whatever TOML holds
+    """What equal values share: 2 and 2.0, and tables whatever the order of their keys."""
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else json.dumps(value, sort_keys=True)
 
 
 def varied_data(scenario: Scenario, values: Values) -> dict[str, Any]:
